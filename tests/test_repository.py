@@ -150,7 +150,7 @@ MAY_IMPORT = {
         "arm.urdf_import",
         "arm.urdf_writing",
         "arm.ur_calibration",
-        "arm.urdf_ends",
+        "arm.urdf_reading",
         "settings",
     },
     "figures": {

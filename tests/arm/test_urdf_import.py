@@ -101,6 +101,14 @@ def test_limits_that_stand_for_none_are_no_reason_to_refuse_an_arm():
     assert imported(text).arm.limits_rad.tolist() == [[-1e16, 1e16]] * 3
 
 
+def test_limits_of_a_joint_that_is_fixed_do_not_matter():
+    at = ((0.0, 0.0, 0.3), (0.0, 0.0, 0.0), (0, 1, 0))
+    text = robot([("revolute", *at), ("fixed", *at)])
+    begin, end = text.split('name="j1"')
+    text = begin + 'name="j1"' + end.replace('upper="2"', 'upper="-2"')
+    assert imported(text).arm.n == 1
+
+
 @examples(25)
 @given(seed=st.integers(0, 10_000), convention=st.sampled_from(["standard", "modified"]))
 def test_an_exported_arm_comes_back_the_same(random_arm, seed, convention):

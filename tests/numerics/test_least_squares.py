@@ -12,6 +12,7 @@ from pa10cal.numerics.least_squares import (
     Equations,
     Linearised,
     axis_text,
+    best_candidate,
     descend,
     minimise,
     solve_normal,
@@ -171,3 +172,15 @@ def test_all_is_free_where_nothing_is_mimicked():
 
 def test_a_direction_has_its_largest_component_positive():
     assert axis_text(np.array([1e-9, 0.0, -2.0])) == "(0.00, 0.00, 1.00)"
+
+
+def test_the_first_of_the_least_is_found_without_fitting_all():
+    misfits, fitted = [5.0, 2.0, 3.0, 2.0, 9.0], []
+
+    def fit(k: int) -> float:
+        fitted.append(k)
+        return misfits[k]
+
+    assert best_candidate([4.0, 1.5, 2.5, 1.0, 8.0], fit, 10.0) == (2.0, 1)
+    assert sorted(fitted) == [1, 3]
+    assert best_candidate([4.0, 1.5, 2.5, 1.0, 8.0], fit, 1.9) is None

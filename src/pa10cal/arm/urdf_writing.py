@@ -65,7 +65,7 @@ def urdf_text(
                 lower=repr(float(lower)),
                 upper=repr(float(upper)),
                 effort=repr(float(np.nan_to_num(chain.arm.torque_limit_Nm[joint]))),
-                velocity="1.0",
+                velocity="1.0",  # required, and not known
             )
             coupling = chain.arm.coupling.leads(joint)
             if coupling is not None:

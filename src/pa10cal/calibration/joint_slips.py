@@ -26,7 +26,7 @@ from pa10cal.calibration.log_changes import (
 )
 from pa10cal.calibration.rules import CHECKS
 from pa10cal.campaign.conventions import STILL_WRONG
-from pa10cal.numerics.branch_and_bound import best_candidate
+from pa10cal.numerics.least_squares import best_candidate
 from pa10cal.results.calibration import InputFinding
 from pa10cal.results.record import EffectName
 from pa10cal.terms.effects.joint import JointCoupling, moved_along

@@ -23,7 +23,7 @@ from pa10cal.calibration.rules import UNKNOWNS
 from pa10cal.campaign.column_map import ColumnMap
 from pa10cal.campaign.conventions import STILL_WRONG
 from pa10cal.files.coupling import coupling_in_words, set_coupling
-from pa10cal.numerics.branch_and_bound import may_be_within
+from pa10cal.numerics.least_squares import may_be_within
 from pa10cal.results.calibration import InputFinding
 
 #: The remedy where no change that was tried puts the log right.

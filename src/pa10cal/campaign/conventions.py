@@ -22,7 +22,7 @@ from pa10cal.campaign.own_columns import Polar, RotationColumns
 from pa10cal.campaign.raw_file import polar_to_xyz, quaternions
 from pa10cal.campaign.raw_rows import RawRows
 from pa10cal.frame.hand_eye import Located
-from pa10cal.numerics.branch_and_bound import best_candidate
+from pa10cal.numerics.least_squares import best_candidate
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.quantities import Misfit
 from pa10cal.rules import FRAMES

@@ -193,14 +193,10 @@ def _contradicted_beside(torques: LoggedTorques, freed: list[_Part]) -> list[_Co
 
 
 def _with_alternative(by_objective: list[_Contradiction], last: int) -> _Contradiction:
-    """Return the strongest contradiction, with another that torques hardly tell from it.
+    """Return the first, strongest contradiction, with another that torques hardly tell from it.
 
-    One of the last link or the tool goes first: a campaign states its tool by hand, and an arm is
-    described once.
-
-    Args:
-        by_objective: contradictions, the strongest first.
-        last: number of the last link, from 0.
+    One of the last link (number `last`) or the tool goes first: a campaign states its tool by hand,
+    and an arm is described once.
     """
     strongest = by_objective[0]
     for other in by_objective[1:]:

@@ -290,12 +290,12 @@ def hand_eye_from_poses(
     R_instr_target = np.asarray(few.R_instr_target)
     turns = [
         turn_by_orientations(few, R_instr_target),
-        mean_turn(few.weights, R_instr_target @ _transposed(few.R_base)),
+        mean_turn(few.weights, R_instr_target @ np.swapaxes(few.R_base, 1, 2)),
         *turns_by_positions(few),
     ]
     starts = []
     for R_instr_base in turns:
-        of_target = _transposed(R_instr_base @ few.R_base) @ R_instr_target
+        of_target = np.swapaxes(R_instr_base @ few.R_base, 1, 2) @ R_instr_target
         starts.append(first_guess(few, R_instr_base, mean_turn(few.weights, of_target)))
     starts.append(first_guess(few, turns[1], np.eye(3)))
     return _best(problem, starts, ["the target"], roughly)
@@ -453,10 +453,6 @@ def _refuse_unidentified_point(by_point: Array) -> None:
         allowed="poses that surround the fixed point's direction on all sides",
         remedy="measure poses further apart along that direction",
     )
-
-
-def _transposed(matrices: Array) -> Array:
-    return np.swapaxes(matrices, -1, -2)
 
 
 def _rms(residuals: Array, weights: Array) -> float:

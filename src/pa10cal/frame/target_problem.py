@@ -250,7 +250,7 @@ def mean_turn(weights: Array, turns: Array) -> Array:
 # Where the rotations of base and target may be any 3x3 matrices, the problem is linear. Rotations
 # are among these matrices, so the root mean square that the linear problem leaves bounds the misfit
 # of every base and target from below. Many candidates, such as orders and signs of joints, are so
-# rejected before one of them is fitted (`numerics.branch_and_bound`).
+# rejected before one of them is fitted (`numerics.least_squares`).
 
 #: Part of the trace of the normal equations that is added to their diagonal, to keep them regular
 #: (computing).

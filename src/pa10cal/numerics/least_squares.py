@@ -1,4 +1,4 @@
-"""Least squares on normal equations: the solver, what a fit identifies, and sequences of unknowns.
+"""Least squares on normal equations: solver, what a fit identifies, and the best of many fits.
 
 `minimise` solves every fit but the paper's two levels, which use scipy: Gauss-Newton steps, damped
 as by Levenberg and Marquardt where they raise the cost; unknowns that would leave their range are
@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Generic, Protocol, TypeVar
+from typing import Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,8 @@ _POOR = 0.25
 _LEAST_DAMPING, _LARGEST_DAMPING = 1e-4, 1e8
 #: Relative size of rounding: of eigenvalues of normal equations, and of costs (computing).
 _ROUNDING = 1e-14
+#: Rounding may make a lower bound larger than the misfit by this factor (computing).
+_SLACK = 1.001
 #: A descent ends after so many steps, when no unknown moves by more than this [m, rad], or when the
 #: cost falls by less than this part (computing).
 DESCENT_STEPS, _SMALL_STEP, SMALL_GAIN = 100, 1e-13, 1e-15
@@ -387,3 +389,44 @@ class BlockTridiagonal:
             coupling = self.coupling[j]
             backward[j] -= coupling[:, None] * np.linalg.inv(backward[j + 1]) * coupling
         return np.asarray(np.linalg.inv(forward + backward - self.blocks), dtype=np.float64)
+
+
+class BestCandidate(NamedTuple):
+    """The candidate with the smallest misfit."""
+
+    misfit: float
+    number: int  # position among the candidates, from 0
+
+
+def may_be_within(lower_bound: float, limit: float) -> bool:
+    """Return whether a misfit with this lower bound may be at most `limit`, in the same unit."""
+    return lower_bound <= _SLACK * limit
+
+
+def best_candidate(
+    lower_bounds: Sequence[float], misfit_of: Callable[[int], float], limit: float
+) -> BestCandidate | None:
+    """Return the candidate with the smallest misfit; of several such the first (branch and bound).
+
+    A fit is expensive; a lower bound of its misfit is cheap, by a relaxed problem such as a linear
+    one (`frame.target_problem`). Candidates are fitted by rising lower bound until that exceeds the
+    best misfit so far. The result is the same as if all were fitted.
+
+    Args:
+        lower_bounds: lower bound of the misfit of every candidate, in the unit of the misfits.
+        misfit_of: fits the candidate of this number, and returns its misfit.
+        limit: the largest misfit that counts.
+
+    Returns:
+        The best candidate; None where no misfit is within the limit.
+    """
+    best: BestCandidate | None = None
+    for number in np.argsort(lower_bounds, kind="stable").tolist():
+        threshold = limit if best is None else best.misfit
+        if not may_be_within(lower_bounds[number], threshold):
+            break
+        candidate = BestCandidate(misfit_of(number), number)
+        # Of equal misfits the lower number is the smaller tuple.
+        if candidate.misfit <= limit and (best is None or candidate < best):
+            best = candidate
+    return best

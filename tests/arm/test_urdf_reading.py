@@ -2,7 +2,7 @@
 
 import pytest
 
-from pa10cal.arm.urdf_ends import ends_of_arm
+from pa10cal.arm.urdf_reading import ends_of_arm
 from pa10cal.errors import ArmError
 
 
