@@ -6,6 +6,7 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -40,25 +41,33 @@ _MOVES_RAD = 0.2
 _SETS, _AS_NEAR, _ALIKE_M = 12, 1.5, 5e-3
 
 
+class RolesByArm(NamedTuple):
+    """Roles of columns with which the nominal arm agrees."""
+
+    scatter_m: float  # rms misfit, base and target fitted
+    of_joints: Roles  # of the joints' log
+    of_readings: Roles  # the same if that is the file of the readings
+
+
 def roles_by_arm(
     joints: tuple[Roles, Sniffed], readings: tuple[Roles, Sniffed], arm: Arm
-) -> tuple[float, Roles, Roles] | None:
-    """Return the misfit of the nominal arm [m], the roles of the joints' log and of the readings.
+) -> RolesByArm | None:
+    """Return the roles of the joints' log and of the readings; both may be of one file.
 
-    Both may be of one file; its roles are then returned twice. Columns that a header names keep
-    their roles. Others get the role in which the nominal arm explains them best, in rows with the
-    same label, else row by row. None where no columns agree with the arm, or several sets do.
+    Columns that a header names keep their roles. Others get the role in which the nominal arm
+    explains them best, in rows with the same label, else row by row. None where no columns agree
+    with the arm, or several sets do.
     """
-    (joint_roles, log), (reading_roles, read) = joints, readings
-    rows = _rows_together(log, read)
+    (joint_roles, log), (reading_roles, measured) = joints, readings
+    rows = _rows_together(log, measured)
     if rows is None:
         return None
     sets = [joint_roles.joints] if joint_roles.joints else _runs(log.names, len(arm.axes_slide))
-    places = list(reading_roles.positions.values())[:1] or _runs(read.names, 3)
+    places = list(reading_roles.positions.values())[:1] or _runs(measured.names, 3)
     tried = []
     for columns, T_base_ee in _ends(log.columns, sets, rows[0], arm):
-        for place, p_m in _places(read.columns, places, rows[1]):
-            if log is not read or not set(place) & set(columns):
+        for place, p_m in _places(measured.columns, places, rows[1]):
+            if log is not measured or not set(place) & set(columns):
                 tried.append((_scatter_m(T_base_ee, p_m[:, None]), columns, place))
     tried.sort()
     if not tried or tried[0][0] > NEAR_M:
@@ -69,11 +78,11 @@ def roles_by_arm(
     joint_roles = replace(joint_roles, joints=columns)
     if not reading_roles.positions:
         reading_roles = replace(reading_roles, positions={"": place}, attitude=None)
-    if log is read:
+    if log is measured:
         joint_roles = reading_roles = replace(
             joint_roles, positions=reading_roles.positions, attitude=reading_roles.attitude
         )
-    return scatter_m, joint_roles, reading_roles
+    return RolesByArm(scatter_m, joint_roles, reading_roles)
 
 
 def of_the_arm(roles: Roles, sniffed: Sniffed, arm: Arm, own: Sequence[str] = ()) -> Roles:
@@ -144,25 +153,25 @@ def logs_by_arm(
         RawDataError: when the joints' log has the column that names the target of a reading.
     """
     fits = []
-    for (joint_roles, log, file), (reading_roles, read, other) in (both, both[::-1]):
+    for (joint_roles, log, file), (reading_roles, measured, other) in (both, both[::-1]):
         joints_possible = is_headerless(log) or joint_roles.joints
-        if joints_possible and (is_headerless(read) or reading_roles.positions):
-            by_arm = roles_by_arm((joint_roles, log), (reading_roles, read), arm)
+        if joints_possible and (is_headerless(measured) or reading_roles.positions):
+            by_arm = roles_by_arm((joint_roles, log), (reading_roles, measured), arm)
             if by_arm is not None:
-                scatter_m, of_log, of_read = by_arm
-                fits.append((scatter_m, [(of_log, log, file), (of_read, read, other)]))
+                in_order = [(by_arm.of_joints, log, file), (by_arm.of_readings, measured, other)]
+                fits.append((by_arm.scatter_m, in_order))
     if fits:
         return min(fits, key=lambda fit: fit[0])[1]
     if not all(is_headerless(log) for _, log, _ in both):
         return both
-    for (joint_roles, log, file), (reading_roles, read, other) in (both, both[::-1]):
-        rows = _rows_of_targets(log, read, arm)
+    for (joint_roles, log, file), (reading_roles, measured, other) in (both, both[::-1]):
+        rows = _rows_of_targets(log, measured, arm)
         if rows is None:
             continue
         if rows.of_readings:
             joint_roles = replace(joint_roles, joints=rows.joints)
             reading_roles = replace(reading_roles, positions={"": rows.place}, attitude=None)
-            return [(joint_roles, log, file), (reading_roles, read, other)]
+            return [(joint_roles, log, file), (reading_roles, measured, other)]
         raise RawDataError(
             f"column {rows.target} says which of {len(rows.words)} targets a row is of",
             where=file.name,
@@ -174,14 +183,14 @@ def logs_by_arm(
     return both
 
 
-def _rows_together(log: Sniffed, read: Sniffed) -> tuple[Index, Index] | None:
+def _rows_together(log: Sniffed, measured: Sniffed) -> tuple[Index, Index] | None:
     """Return rows of both logs that belong together; None where too few are known to."""
-    labels = None if log is read else labels_of_both(log, read)
+    labels = None if log is measured else labels_of_both(log, measured)
     if labels is not None:
-        station = by_label(np.array(log.words(labels[0])), np.array(read.words(labels[1])))
+        station = by_label(np.array(log.words(labels[0])), np.array(measured.words(labels[1])))
         read_rows = np.flatnonzero(station >= 0)
         log_rows = station[read_rows]
-    elif len(log.numbers) == len(read.numbers):
+    elif len(log.numbers) == len(measured.numbers):
         log_rows = read_rows = np.arange(len(log.numbers))
     else:
         return None
@@ -189,15 +198,15 @@ def _rows_together(log: Sniffed, read: Sniffed) -> tuple[Index, Index] | None:
     return (log_rows[some], read_rows[some]) if len(log_rows) >= _LEAST_ROWS else None
 
 
-def labels_of_both(log: Sniffed, read: Sniffed) -> tuple[str, str] | None:
+def labels_of_both(log: Sniffed, measured: Sniffed) -> tuple[str, str] | None:
     """Return the columns of labels that two logs share; None for none.
 
     Numbers that count the rows of the joints' log are labels where the other log has another number
     of rows.
     """
-    labels = shared_labels(log.texts, read.texts)
-    if labels is None and len(log.numbers) != len(read.numbers):
-        labels = shared_labels(log.counts, read.texts)
+    labels = shared_labels(log.texts, measured.texts)
+    if labels is None and len(log.numbers) != len(measured.numbers):
+        labels = shared_labels(log.counts, measured.texts)
     return labels
 
 

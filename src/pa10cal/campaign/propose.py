@@ -115,7 +115,7 @@ def propose(
     roles = roles_of_file(sniffed, None if arm is None else len(arm.axes_slide), joint_names)
     if arm is not None and is_headerless(sniffed):
         by_arm = roles_by_arm((roles, sniffed), (roles, sniffed), arm)
-        roles = by_arm[1] if by_arm else of_rows_of_targets(roles, sniffed, arm)
+        roles = by_arm.of_joints if by_arm else of_rows_of_targets(roles, sniffed, arm)
     by_name = roles
     if arm is not None:
         roles = of_the_arm(roles, sniffed, arm, joint_names)
