@@ -72,24 +72,10 @@ def locate_balls(
         p_mm, used = p_instr_mm[rows].reshape(-1, T, 3), touches[rows].reshape(-1, T)
         return fit_spheres(p_mm, used, radius_mm)
 
-    # Touches further from their configuration's median than the tool is large.
-    between = campaign.p_ee_balls_mm[:, None] - campaign.p_ee_balls_mm
-    size_mm = float(np.linalg.norm(between, axis=2).max()) + 2.0 * radius_mm
-    touches_mm = np.where(valid[..., None], p_instr_mm, np.nan)
-    middle = np.nanmedian(touches_mm.reshape(C, -1, 3), axis=1)
-    distance: Array = np.linalg.norm(p_instr_mm - middle[:, None, None, :], axis=3)
-    outlier = valid & (distance > FAR_OFF * size_mm)
+    outlier = _far_from_the_others(p_instr_mm, valid, campaign.p_ee_balls_mm, radius_mm)
     near = valid & ~outlier
     spheres = fit(slice(None), near)
-    flat = spheres.coplanar[spheres.touches >= LEAST_TOUCHES]
-    if 2 * flat.sum() > len(flat):
-        raise RawDataError(
-            f"the touches on {flat.sum()} of {len(flat)} balls lie in one plane, seen at the "
-            "scale of the stated diameter",
-            where=where,
-            allowed="touches all around each ball, in millimetres",
-            remedy="check the unit of x_mm, y_mm, z_mm, and ball_diameter_mm",
-        )
+    _refuse_flat(spheres, where)
     reason = unusable_balls(near, spheres.coplanar.reshape(C, B), names)
     whole = np.flatnonzero(reason == "")
     sigma_mm = float("nan")
@@ -97,16 +83,7 @@ def locate_balls(
         spheres = fit(whole, near)
         sigma_mm = touch_sigma_mm(spheres, campaign.instrument.uncertainty_mm)
         limit_mm = outlier_sigma * sigma_mm
-        worst_mm = np.median(np.abs(spheres.residual_mm).max(axis=1))
-        if worst_mm > limit_mm:  # so many are off: the radius or the unit, not single touches
-            raise RawDataError(
-                "the touches do not lie on spheres of the stated diameter",
-                where=where,
-                value=f"typically {worst_mm:.3g} mm off a sphere of {2 * radius_mm:g} mm",
-                allowed=f"within {limit_mm:.3g} mm, {outlier_sigma:g} sigmas of one touch",
-                remedy="check ball_diameter_mm, the unit of x_mm, y_mm, z_mm, the compensation of "
-                "the probe's radius, and instrument.uncertainty_mm",
-            )
+        _refuse_other_spheres(spheres, radius_mm, limit_mm, outlier_sigma, where)
         shape_mm = _shape(spheres.centre_mm.reshape(len(whole), -1, 3), campaign, where)
         touch, undecided = find_outliers(
             p_instr_mm[whole], near[whole], shape_mm, radius_mm, limit_mm, sigma_mm
@@ -123,6 +100,45 @@ def locate_balls(
         outlier=outlier,
         reason=np.where(reason == "", without, reason),
     )
+
+
+def _far_from_the_others(p_mm: Array, valid: Mask, balls_mm: Array, radius_mm: float) -> Mask:
+    """Return touches (C, B, T) further from their configuration's median than the tool is large."""
+    between_mm = balls_mm[:, None] - balls_mm
+    size_mm = float(np.linalg.norm(between_mm, axis=2).max()) + 2.0 * radius_mm
+    touches_mm = np.where(valid[..., None], p_mm, np.nan)
+    middle_mm = np.nanmedian(touches_mm.reshape(len(p_mm), -1, 3), axis=1)
+    distance_mm = np.linalg.norm(p_mm - middle_mm[:, None, None, :], axis=3)
+    return np.asarray(valid & (distance_mm > FAR_OFF * size_mm))
+
+
+def _refuse_flat(spheres: Spheres, where: str) -> None:
+    """Refuse touches that lie in one plane on most balls: their unit is a larger one."""
+    flat = spheres.coplanar[spheres.touches >= LEAST_TOUCHES]
+    if 2 * flat.sum() > len(flat):
+        raise RawDataError(
+            f"the touches on {flat.sum()} of {len(flat)} balls lie in one plane, seen at the "
+            "scale of the stated diameter",
+            where=where,
+            allowed="touches all around each ball, in millimetres",
+            remedy="check the unit of x_mm, y_mm, z_mm, and ball_diameter_mm",
+        )
+
+
+def _refuse_other_spheres(
+    spheres: Spheres, radius_mm: float, limit_mm: float, outlier_sigma: float, where: str
+) -> None:
+    """Refuse touches of which so many are off that the radius or the unit is wrong."""
+    worst_mm = np.median(np.abs(spheres.residual_mm).max(axis=1))
+    if worst_mm > limit_mm:
+        raise RawDataError(
+            "the touches do not lie on spheres of the stated diameter",
+            where=where,
+            value=f"typically {worst_mm:.3g} mm off a sphere of {2 * radius_mm:g} mm",
+            allowed=f"within {limit_mm:.3g} mm, {outlier_sigma:g} sigmas of one touch",
+            remedy="check ball_diameter_mm, the unit of x_mm, y_mm, z_mm, the compensation of "
+            "the probe's radius, and instrument.uncertainty_mm",
+        )
 
 
 def _shape(p_instr_mm: Array, campaign: CampaignDescription, where: str) -> Array:
