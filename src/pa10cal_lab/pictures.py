@@ -322,7 +322,7 @@ _HIDE_EFFECTS = ("effect", "beyond", *_AS_MEASURED)
     title="Outcome for each stressor, fault and effect",
     needs=(),
     caption="""
-Wild trials by what was put into their raw files ({name}): how many there are, and how many crashed,
+Synthetic wild trials by what was put into their raw files ({name}): how many there are and crashed,
 were refused before calibration, were given a false name (a confident one where a fault or an effect
 outside the vocabulary is in them), had the fault reported or the effect named, got *none* although
 an error above three times the noise is in them, predict held-out poses worse than before, were left
