@@ -42,7 +42,7 @@ def read_content(folder: Path) -> tuple[str, TrialScoresRecord]:
 
 # What was hidden in blind trials, and what was named: the confusion matrix.
 
-_TITLE = "Blind trials with one hidden effect: what was hidden, and what was named"
+#: Side of a cell, and room left of, above and below them.
 _CELL_MM = 4.6
 _LEFT_MM, _TOP_MM, _BOTTOM_MM = 37.0, 44.0, 16.0
 #: Outcomes that are no id, in the order of the columns, and those that are no fault.
@@ -86,7 +86,10 @@ def draw_trials_confusion(scores: TrialScoresRecord) -> Figure:
     ids = sorted({*inside, *(given - set(_WORDS))})
     columns = [*ids, *(word for word in _WORDS if word in given)]
     width, height = _CELL_MM * (len(columns) + 1), _CELL_MM * len(rows)
-    figure = style.new_figure(_TOP_MM + height + _BOTTOM_MM, _TITLE)
+    figure = style.new_figure(
+        _TOP_MM + height + _BOTTOM_MM,
+        "Blind trials with one hidden effect: what was hidden, and what was named",
+    )
     axes = style.panel(figure, _LEFT_MM, _BOTTOM_MM, width, height)
     for y, (name, counts) in enumerate(rows):
         best, total = _RIGHT_WITHOUT_NAME if y >= len(inside) else name, sum(counts.values())
@@ -116,8 +119,7 @@ def draw_trials_confusion(scores: TrialScoresRecord) -> Figure:
 
 # Coverage of the intervals of named effects.
 
-_TITLE_OF_INTERVALS = "Coverage of the intervals of named effects: blind trials"
-_ROW_MM_OF_INTERVALS = 4.6
+_INTERVAL_ROW_MM = 4.6
 _OF_PARAMETERS = "parameter"
 
 
@@ -142,8 +144,10 @@ def draw_trials_intervals(scores: TrialScoresRecord) -> Figure:
     if inside is None:
         raise NothingToShowError("this study does not count the intervals of effects")
     rows = [row for row in of_parameters if row.by]
-    height = max(50.0, _ROW_MM_OF_INTERVALS * len(rows))
-    figure = style.new_figure(height + 44.0, _TITLE_OF_INTERVALS)
+    height = max(50.0, _INTERVAL_ROW_MM * len(rows))
+    figure = style.new_figure(
+        height + 44.0, "Coverage of the intervals of named effects: blind trials"
+    )
     inside_by_parameter = style.panel(figure, 50.0, 30.0, 42.0, height)
     for y, row in enumerate(rows):
         _draw_share(inside_by_parameter, y, row, across=True)
@@ -191,8 +195,7 @@ def _draw_levels(axes: Axes, size: Array) -> None:
 
 # How large an effect must be to be found: blind trials by size and by residual.
 
-_TITLE_OF_POWER = "How large an effect must be: blind trials with one hidden effect"
-_ROW_MM_OF_POWER = 4.8
+_POWER_ROW_MM = 4.8
 #: Markers of layouts, in order of their names, and what they are called.
 _MARKERS = {
     "o": "dots",
@@ -231,8 +234,10 @@ def draw_trials_power(scores: TrialScoresRecord) -> Figure:
         raise NothingToShowError("no trial hid one effect of the vocabulary")
     names = sorted({trial.hidden[0].id for trial in trials})
     markers = dict(zip(sorted({trial.layout for trial in trials}), cycle(_MARKERS), strict=False))
-    height, below = _ROW_MM_OF_POWER * len(names), 32.0 + 3.5 * ((len(markers) + 2) // 3)
-    figure = style.new_figure(height + below + 15.0, _TITLE_OF_POWER)
+    height, below = _POWER_ROW_MM * len(names), 32.0 + 3.5 * ((len(markers) + 2) // 3)
+    figure = style.new_figure(
+        height + below + 15.0, "How large an effect must be: blind trials with one hidden effect"
+    )
     by_size = style.panel(figure, 37.0, below, 60.0, height)
     _draw_sizes(by_size, trials, names, markers)
     for k, name in enumerate(names):
