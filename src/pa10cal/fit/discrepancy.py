@@ -210,8 +210,11 @@ def _trust(measured: Instrument, white: Array) -> Array:
     return np.asarray(ratio**-4.0)
 
 
-def _known(expected: GaussianPrior, x: Array, own: Index, sizes: Array) -> Gaussian:
-    """Return what a prior says of how far x (k,) is off, of the own ones first, in their sizes."""
+def _prior_about(expected: GaussianPrior, x: Array, own: Index, sizes: Array) -> Gaussian:
+    """Return a prior of parameters as one of their deviations from x (k,), over sizes (u,).
+
+    The first of the u unknowns are the parameters `own`; the prior says nothing of the others.
+    """
     size = np.zeros(len(sizes))
     size[: len(own)] = sizes[: len(own)]
     at = np.append(own, np.zeros(len(sizes) - len(own), np.intp))  # of others the size is 0
@@ -228,7 +231,7 @@ class RowsAboutFit:
     """
 
     data: Array  # (P, b) weighted residuals without the field
-    left: Array  # (P, b) weighted residuals with the field
+    left: Array  # (P, b) weighted residuals that the field leaves too
     weight: Array  # (P, b) root weights of the components, 0 where nothing was seen
     columns: Array  # (P, b, k) weighted derivative by the unknowns, each over its possible size
     sizes: Array  # (k,) possible size of each unknown
@@ -253,7 +256,7 @@ class RowsAboutFit:
         """Return the normal equations of all rows and of what was known before."""
         return Gaussian.of(self.columns, self.data) + self.before
 
-    def found(self, rows: Gaussian, columns: Array) -> tuple[Array, Array]:
+    def solved(self, rows: Gaussian, columns: Array) -> tuple[Array, Array]:
         """Return the unknowns (k,) by some rows, and variances of predictions by columns (…, k).
 
         A field is fitted to the residuals of the other unknowns.
@@ -303,19 +306,19 @@ class RowsAboutFit:
         data, left = weight * without, weight * rows.residual
         columns = weight[:, :, None] * rows.jacobian * sizes
         places = measured.position_columns
-        axes = seen[:, places].sum(axis=1)
-        times = np.maximum(axes / 3.0, 1.0)
+        # Where several targets are seen, three coordinates each, the error is their mean.
+        targets = np.maximum(seen[:, places].sum(axis=1) / 3.0, 1.0)
         to_mm = np.zeros_like(weight)
         to_mm[:, places] = (
             np.where(seen[:, places], 1e3 / np.maximum(weight[:, places], _TINY), 0.0)
-            / np.sqrt(times)[:, None]
+            / np.sqrt(targets)[:, None]
         )
-        noise = (np.where(seen[:, places], variance[:, places], 0.0).sum(axis=1) / times) * 1e6
+        noise = (np.where(seen[:, places], variance[:, places], 0.0).sum(axis=1) / targets) * 1e6
         single = LACK.components if len(places) == 1 else 1.0
         before = Gaussian.none(len(sizes))
         if expected is not None:
-            before = _known(expected, model.x, free, sizes)
-        found = cls(
+            before = _prior_about(expected, model.x, free, sizes)
+        about = cls(
             data=data,
             left=left,
             weight=weight,
@@ -331,14 +334,13 @@ class RowsAboutFit:
             before=before,
         )
         if model.covariance is None:
-            return found
-        known = np.append(free, len(model.x) + np.arange(len(BASE)))
-        moved = to_mm[:, :, None] * weight[:, :, None] * rows.jacobian[:, :, : len(known)]
-        own = np.einsum(
-            "pbk,kl,pbl->", moved, model.covariance[np.ix_(known, known)], moved, optimize=True
-        )
-        every_mm2 = float(np.sum(to_mm**2 * found.found(found.every, columns)[1]))
-        return replace(found, of_parameters=min(float(own) / max(every_mm2, _TINY), 1.0))
+            return about
+        with_base = np.append(free, len(model.x) + np.arange(len(BASE)))
+        covariance = model.covariance[np.ix_(with_base, with_base)]
+        moved_mm = to_mm[:, :, None] * weight[:, :, None] * rows.jacobian[:, :, : len(with_base)]
+        by_model_mm2 = np.einsum("pbk,kl,pbl->", moved_mm, covariance, moved_mm, optimize=True)
+        by_rows_mm2 = float(np.sum(to_mm**2 * about.solved(about.every, columns)[1]))
+        return replace(about, of_parameters=min(float(by_model_mm2) / max(by_rows_mm2, _TINY), 1.0))
 
     def with_noise_of_pairs(self, points: Array, label: Index, within_m: float) -> RowsAboutFit:
         """Return the rows with noise estimated from nearest neighbours, where it is the smaller.
@@ -361,7 +363,7 @@ class RowsAboutFit:
     def beyond_parameters_mm2(self, out: Index) -> Array:
         """Return squared errors of held-out poses, less those by noise and parameters, (N,)."""
         columns, data = self.columns[out], self.data[out]
-        mean, variances = self.found(self.every - Gaussian.of(columns, data), columns)
+        mean, variances = self.solved(self.every - Gaussian.of(columns, data), columns)
         error = data - columns @ mean
         beyond = error**2 - self.of_parameters * variances
         beyond = np.sum(self.to_mm[out] ** 2 * beyond, axis=1)

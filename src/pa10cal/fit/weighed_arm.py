@@ -216,9 +216,6 @@ def _with_part_of_log(torques: LoggedTorques, part: _Part) -> LoggedTorques:
     return replace(torques, residual_Nm=torques.residual_Nm - by_part)
 
 
-# The arm with the weights that its logged torques have.
-
-
 def _arm_less_contradictions(
     torques: LoggedTorques, contradictions: Sequence[_Contradiction]
 ) -> Arm:
