@@ -51,25 +51,6 @@ _AT_LIMIT = 1e-9
 _DRAWN, _FIRST_BLOCK, _LARGEST_BLOCK = 48, 4, 512
 _TURN = 2.0 * np.pi
 
-#: A search ends at steps or differences below `_DONE` [m, rad]. A step gains if it leaves less than
-#: `_GAIN` of the difference; below `_SETTLED` one without a gain is allowed (computing).
-_DONE, _SETTLED, _GAIN = 1e-12, 1e-10, 0.7
-#: Longest step [rad], divisor in place of a step of zero, least and largest damping (computing).
-_LARGEST_STEP_RAD, _NO_STEP, _LEAST_DAMPING, _MOST_DAMPING = 0.35, 1e-300, 1e-15, 1e-2
-#: Steps, and steps without a gain, at most: with the derivative of the geometry alone, which is off
-#: by some per cent and takes six steps for ten digits; and with the exact one, which is tried on
-#: differences below `_CLOSE` (computing).
-_BY_GEOMETRY, _EXACT, _CLOSE = (30, 4), (40, 6), 1e-2
-#: Added to the squared distance of positions beyond limits, and beyond reach or not found, so that
-#: they come last (computing).
-_OUTSIDE, _AWAY = 1e4, 1e6
-#: Joint positions beyond a limit by less count as within [rad, m] (computing).
-_AT_LIMIT = 1e-9
-#: Postures drawn where nothing better is known; first and largest block of rows that are searched
-#: at once along a path (computing).
-_DRAWN, _FIRST_BLOCK, _LARGEST_BLOCK = 48, 4, 512
-_TURN = 2.0 * np.pi
-
 
 def compensate(
     model: Fitted,
