@@ -13,7 +13,7 @@ from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array
 from pa10cal.calibration.options import CalibrationOptions, EffectOfPlace
 from pa10cal.campaign import read
-from pa10cal.discovery.given import calibrate_with
+from pa10cal.discovery.given import calibrate_with_effects
 from pa10cal.discovery.preparation import setup_of
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel
@@ -190,7 +190,7 @@ def simulated_model(
     if effects:
         options = CalibrationOptions()
         setup = setup_of(campaign.description, campaign.arm, options, DiscoveryOptions())
-        model = calibrate_with(campaign.observations, model, setup, effects).model
+        model = calibrate_with_effects(campaign.observations, model, setup, effects).model
     return made, campaign, model
 
 

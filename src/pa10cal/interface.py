@@ -101,9 +101,9 @@ def calibrate(
     try:
         record = calibrated_record(case, base_frame)
         if options.effects:
-            from pa10cal.discovery.given import calibrated_with, listed
+            from pa10cal.discovery.given import effects_listed, record_with_effects
 
-            record = calibrated_with(listed(options), record, case, DiscoveryOptions())
+            record = record_with_effects(effects_listed(options), record, case, DiscoveryOptions())
     except CalibrationError as error:
         raise explained(error, findings) from None
     *_, model = models_of(record, campaign.name).values()  # the last one has all that was fitted

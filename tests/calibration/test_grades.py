@@ -15,7 +15,7 @@ from pa10cal.calibration.campaign import calibrated_record
 from pa10cal.calibration.general import case
 from pa10cal.calibration.load_case import LoadCase
 from pa10cal.calibration.options import CalibrationOptions, EffectOfPlace
-from pa10cal.discovery.given import calibrated_with
+from pa10cal.discovery.given import record_with_effects
 from pa10cal.discovery.preparation import setup_of
 from pa10cal.evaluation.holdout import Evaluation
 from pa10cal.fit.weighed_arm import weighed_arm
@@ -202,7 +202,7 @@ def test_noise_under_several_targets_is_that_of_one(campaign):
     about = found.description, found.arm, found.observations, "combined"
     case = LoadCase(*about, CalibrationOptions(effects=effects))
     without = calibrated_record(case)
-    health = calibrated_with(effects, without, case, DiscoveryOptions()).health
+    health = record_with_effects(effects, without, case, DiscoveryOptions()).health
     assert health.noise_mm == pytest.approx(without.health.noise_mm, rel=0.1)
     assert health.error_over_noise == pytest.approx(1.0, abs=0.15)
     # Weights that the poses do not show are no unknowns that lack poses.

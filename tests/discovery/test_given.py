@@ -5,8 +5,13 @@ import pytest
 
 import pa10cal
 from mended import write_simulated
+from pa10cal.calibration.campaign import calibrated_record
+from pa10cal.calibration.load_case import LoadCase
 from pa10cal.calibration.options import CalibrationOptions, EffectOfPlace
+from pa10cal.discovery.given import record_with_effects
 from pa10cal.errors import CalibrationError
+from pa10cal.options import DiscoveryOptions
+from pa10cal.results.calibration import InputFinding
 from pa10cal_lab.cell.options import HiddenEffectOptions, SimulateOptions, TrackerOptions
 
 #: Tilts of joint 3 [rad/(N m)].
@@ -88,6 +93,25 @@ def test_the_cycles_of_a_gear_are_found_where_its_joint_is_given(geared):
     amount, cycles = (values.loc["gear_line", "joint 3", name] for name in ("A", "k"))
     assert amount["value"] == pytest.approx(2e-4, rel=0.1)
     assert abs(cycles["value"] - 70.5) < 4.0 * cycles["std"] < 0.2
+
+
+def test_an_effect_that_is_listed_twice_is_there_once(geared):
+    twice = CalibrationOptions(effects=2 * of_gear("joint 3").effects)
+    model = pa10cal.calibrate(geared, twice)
+    assert model.grade != "not_converged"
+    assert [term.of for term in model.model.terms_of("effect")] == ["joint 3"]
+
+
+def test_findings_about_the_input_are_not_lost_where_effects_are_given(geared):
+    finding = InputFinding(
+        what="is logged twice", where="joint 2", remedy="check it", kind="joint_order"
+    )
+    case = LoadCase(geared.description, geared.arm, geared.observations, findings=(finding,))
+    without = calibrated_record(case)
+    found = record_with_effects(of_gear("joint 3").effects, without, case, DiscoveryOptions())
+    assert found.health.findings == without.health.findings == (finding,)
+    assert found.health.grade == "suspect_input"
+    assert set(without.warnings) - set(found.warnings) == {without.health.line}
 
 
 def test_a_joint_whose_gear_shows_no_line_is_refused(geared):

@@ -22,12 +22,12 @@ from pa10cal.discovery.next_poses import (
     draw_near,
     poses_at_unseen_angles,
     separating_poses,
-    unresolved,
+    unresolved_pairs,
 )
 from pa10cal.discovery.other_numbers import NEXT_POSES
-from pa10cal.discovery.predicted_rows import predicted
 from pa10cal.discovery.preparation import setup_of
 from pa10cal.discovery.rules import EVIDENCE, PROBABILITIES
+from pa10cal.discovery.separation import predicted
 from pa10cal.errors import DiscoveryError
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.validity import AngleCoverage, angles_seen
@@ -349,7 +349,7 @@ def test_what_is_ambiguous_among_poses_without_repeats_comes_apart_too(eccentric
     assert len(nats) == 4
     assert np.all(np.diff(nats) > 0.0)
     assert separation.after_nats == nats[-1]
-    (odds,) = unresolved(ambiguous.effects).values()
+    (odds,) = unresolved_pairs(ambiguous.effects).values()
     assert separation.probability == odds.probability
     tempered = (separation.after_nats - separation.before_nats) / PROBABILITIES.blocks
     assert separation.expected_probability == pytest.approx(odds.expected_probability(tempered))

@@ -17,8 +17,8 @@ from made_up_poses import at_rest, measured_poses
 from pa10cal.arm.chain import Chain
 from pa10cal.calibration.general.calibrate import calibrate_general, find_start
 from pa10cal.calibration.general.case import fitted
-from pa10cal.discovery.given import Extended
 from pa10cal.discovery.preparation import MeasurementSetup
+from pa10cal.discovery.verdict_records import Extended
 from pa10cal.errors import CalibrationError
 from pa10cal.evaluation import carried_model as parts
 from pa10cal.evaluation.carried_model import with_enough_poses

@@ -6,7 +6,7 @@ that would judge the campaign, without a search.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple, TypeVar
 
@@ -42,7 +42,6 @@ from pa10cal.fit.discrepancy import by_uncertain_joints_mm, discrepancy_of, lack
 from pa10cal.fit.fitted import FittedTo
 from pa10cal.fit.fitted_model import FittedModel, model_to_plain, models_of
 from pa10cal.fit.problem import Solution, identify, not_identifiable
-from pa10cal.fit.validity import AngleCoverage
 from pa10cal.observe.observations import Observations, average_repeats, reading_groups
 from pa10cal.observe.paths import HeldOutPlaces
 from pa10cal.observe.quantities import Deviations
@@ -53,6 +52,8 @@ from pa10cal.results.calibration import (
     Covariance,
     GeneralCalibrationRecord,
     Health,
+    InputFinding,
+    LoadErrors,
 )
 from pa10cal.results.evaluation import BeforeAfter, ResidualRows
 from pa10cal.results.record import CampaignIdentity
@@ -69,184 +70,39 @@ from pa10cal.terms.wording import parameters_text
 
 R = TypeVar("R", bound=CalibrationRecord)
 
+#: Names of the six parameters of the base frame.
+_BASE = ("base_x", "base_y", "base_z", "base_rx", "base_ry", "base_rz")
+
+
+class Grading(NamedTuple):
+    """What a grade rests on besides the fit."""
+
+    # poses, with their load [N], that the calibration without effects suspects; like readings with
+    # a gross error they do not count in the remaining error
+    suspected: frozenset[tuple[str, float]] = frozenset()
+    findings: tuple[InputFinding, ...] = ()  # of the checks of the input
+    # standard uncertainty that predicted positions are to have; None for any
+    wanted_mm: float | None = None
+
+
+THE_FIT_ALONE = Grading()
+
 
 @dataclass(frozen=True, eq=False)
-class CalibratedWith:
+class EffectCalibration:
     """A campaign calibrated with effects."""
 
     model: FittedModel
     poses: Observations  # averaged poses that were fitted, with what the model needs
-    found: Deviations  # its deviations there
+    deviations: Deviations  # of the model there
     flagged: Mask  # (P,) poses with a gross error, or suspected
-    ended: FitSummary  # how the fit ended
-    health: Health  # whether it is good
-    # effects that were given and are not in the model, each with the reason
-    without: tuple[str, ...] = ()
+    fit: FitSummary  # how the fit ended
+    health: Health  # its grade
+    # warnings about effects that were given and are not in the model, each with the reason
+    omitted: tuple[str, ...] = ()
 
 
-def calibrate_with(
-    every: Observations,
-    model: FittedModel,
-    setup: MeasurementSetup,
-    effects: Sequence[EffectOfPlace | Effect],
-    suspected: Collection[tuple[str, float]] = (),
-    wanted_mm: float | None = None,
-) -> CalibratedWith:
-    """Fit a calibrated model with effects, and all its parameters again.
-
-    Effects whose amounts are not significantly different from zero are omitted: the data do not
-    determine them. Readings with a gross error are excluded, as in a search.
-
-    Args:
-        every: single readings of a campaign, of all kinds.
-        model: the calibrated model.
-        setup: what is known of the campaign besides the poses.
-        effects: what to add: effects of a model, or their names and places.
-        suspected: poses, with their load [N], that the calibration without effects suspects; like
-            readings with a gross error they do not count in the remaining error.
-        wanted_mm: standard uncertainty that predicted positions are to have; None for any.
-
-    Raises:
-        CalibrationError: when there is no such effect at that place of the arm, or an effect needs
-            what is not known.
-        DiscoveryError: when there are too few poses, or too little is repeated.
-    """
-    campaign = prepared(every, model.with_bends(_bent(effects, model.arm)), setup)
-    if judged_by_blocks(campaign.trusted):
-        fit = _fit_by_blocks(campaign, effects)
-    else:
-        fit = _fit_by_repeats(campaign, effects)
-    if zero := tuple(_may_be_zero(fit.fitted, fit.covariance)):
-        names = {(effect.id, effect.of) for effect, _ in zero}
-        others = [each for each in effects if (each.id, each.of) not in names]
-        found = calibrate_with(every, model, setup, others, suspected, wanted_mm)
-        return replace(found, without=(*(why for _, why in zero), *found.without))
-    calibrated = replace(fit.fitted.fitted(fit.covariance), targets_off_m=fit.targets_off_m)
-
-    def ready(poses: Observations) -> Observations:
-        return complete(poses, campaign.baseline, setup, calibrated)
-
-    poses = ready(average_repeats(campaign.readings))
-    deviations = calibrated.deviations(poses)
-    labels = zip(poses.pose.tolist(), poses.states.load_N.tolist(), strict=True)
-    flagged = np.array([label in suspected for label in labels])
-    flagged |= np.bincount(reading_groups(campaign.readings), campaign.gross) > 0.0
-    discrepancy = discrepancy_of(calibrated, poses.take(np.flatnonzero(~flagged)))
-    calibrated = replace(calibrated, discrepancy=discrepancy)
-    held_out = None
-    if campaign.held_out is not None:
-        held_out_poses, wrong = ready(campaign.held_out), campaign.suspected
-        trusted = np.ones(len(held_out_poses), dtype=bool)
-        if wrong is not None and not wrong.all():
-            trusted = ~wrong
-        held_out = accuracy.HeldOut.of(
-            calibrated.deviations(held_out_poses),
-            HeldOutPlaces.of(held_out_poses, poses),
-            trusted,
-            poses.readings,
-            held_out_poses.readings,
-        )
-    measured = fit.poses.measured
-    noise = np.asarray(np.linalg.inv(np.swapaxes(fit.whitener, 1, 2) @ fit.whitener), np.float64)
-    summary = _summary(fit)
-    evidence = GradeEvidence(
-        ended=summary,
-        train_rms_mm=accuracy.summarise(deviations, ~flagged).rms_mm,
-        held_out=held_out,
-        suspected_outliers=int(flagged.sum()),
-        noise_mm=accuracy.position_noise_mm(measured, noise),
-        noise_is_found=True,
-        discrepancy_mm=lacking_mm(discrepancy, poses.states.q_rad),
-        joints_mm=by_uncertain_joints_mm(calibrated.model, calibrated.x, poses),
-        spread_mm=measured.spread_mm,
-        wanted_mm=wanted_mm,
-    )
-    return CalibratedWith(calibrated, poses, deviations, flagged, summary, health(evidence))
-
-
-class _Fit(NamedTuple):
-    """The calibrated model with effects, fitted as a scorer fits it."""
-
-    fitted: linear.ModelWithEffects
-    poses: Observations  # those fitted, P of them
-    covariance: Array  # (k, k) of all unknowns
-    whitener: Array  # (P, b, b) of their components
-    targets_off_m: Array  # (a,) deviations of stated coordinates of targets
-
-
-def _fit_by_blocks(campaign: Prepared, wanted: Sequence[EffectOfPlace | Effect]) -> _Fit:
-    """Fit effects to a campaign whose poses are read once."""
-    survey = Survey.of(campaign)
-    rows = weighted_rows(survey, computable_shapes(survey)[0], MAPS.spacings[-1][0])
-    whitener, rate = rows.weights.whiteners(), campaign.setup.options.error_rate
-    effects = _effects(wanted, survey.context)
-    effects = _with_orders(effects, wanted, campaign.baseline, survey.poses, whitener, rate)
-    starts = tuple(effect.starts[0] for effect in effects)
-    found = refit(survey, effects, starts, rows.weights)
-    if tilted := with_tilts_shown(survey, found):
-        found = refit(replace(survey, baseline=tilted), effects, starts, rows.weights)
-    return _Fit(found, survey.poses, found.covariance, found.weights.whiteners(), np.zeros(0))
-
-
-def _fit_by_repeats(campaign: Prepared, wanted: Sequence[EffectOfPlace | Effect]) -> _Fit:
-    """Fit effects to a campaign whose poses are repeated."""
-    baseline, setup, logged = campaign.baseline, campaign.setup, campaign.torques == "logged"
-    problem = prepare(campaign.trusted, baseline, setup, torques_logged=logged)
-    whitener, rate = whitener_of(problem.cell_cov), setup.options.error_rate
-    effects = _effects(wanted, problem.context)
-    effects = _with_orders(effects, wanted, baseline, problem.cells, whitener, rate)
-    problem, fit = fit_given(problem, effects)
-    return _Fit(
-        fitted=fit,
-        poses=problem.cells,
-        covariance=covariance_of(problem, fit),
-        whitener=whitener_of(problem.cell_cov),
-        targets_off_m=targets_off_m(problem, fit),
-    )
-
-
-def _summary(fit: _Fit) -> FitSummary:
-    """Return how a fit ended, without uncertain weights of the arm.
-
-    Those are known to their uncertainty: the poses need not determine them.
-    """
-    model, measured = fit.fitted.model, fit.poses.measured
-    every = (*model.parameters, *measured.target_parameters)
-    of_target: Role = "target"
-    roles = (*model.roles, *(of_target for _ in measured.target_parameters))
-    kept = np.ones(len(every), dtype=bool)
-    kept[: len(model.parameters)] = ~model.having("weight")
-    parameters = tuple(each for each, stays in zip(every, kept, strict=True) if stays)
-    jacobian = linear.residual_and_jacobian(fit.fitted.at, fit.poses)[1][:, :, kept]
-    white = fit.whitener @ jacobian
-    scale = np.array([parameter.scale for parameter in parameters])
-    rank = identify(white.reshape(-1, white.shape[2]), scale)
-    converged, x = fit.fitted.converged, fit.fitted.x[: len(kept)][kept]
-    why = "the last step was small" if converged else "steps were not enough"
-    at_bound = np.zeros(len(parameters), dtype=bool)
-    return FitSummary(
-        Solution(x, at_bound, 0.0, 0, converged, why),
-        pose=fit.poses.pose,
-        parameters=parameters,
-        roles=tuple(role for role, stays in zip(roles, kept, strict=True) if stays),
-        departures=model.departures,
-        covariance=fit.covariance[np.ix_(kept, kept)],
-        identifiability=rank,
-        white=white,
-        position_gram=accuracy.gram(accuracy.of_one_target(measured, jacobian)),
-        not_identifiable=not_identifiable(rank, parameters),
-    )
-
-
-def _may_be_zero(found: linear.ModelWithEffects, covariance: Array) -> Iterator[tuple[Effect, str]]:
-    """Yield the effects whose amounts are not significant, each with a warning."""
-    for effect in filter(is_named, found.effects):
-        for why in holds_zero(effect, found.fitted(covariance)):
-            values = parameters_text(effect_parameters(effect, *found.reported(effect, covariance)))
-            yield effect, f"{label_of(effect, None)} is not in the model: {why} ({values})"
-
-
-def listed(options: CalibrationOptions) -> tuple[EffectOfPlace, ...]:
+def effects_listed(options: CalibrationOptions) -> tuple[EffectOfPlace, ...]:
     """Return the effects that the options list.
 
     Raises:
@@ -263,7 +119,7 @@ def listed(options: CalibrationOptions) -> tuple[EffectOfPlace, ...]:
     return options.effects
 
 
-def calibrated_with(
+def record_with_effects(
     effects: Sequence[EffectOfPlace | Effect],
     record: R,
     case: LoadCase,
@@ -280,158 +136,322 @@ def calibrated_with(
     if not effects:
         return record
     every, options = case.every, case.options
-    fitted = case.rows(every.states) | (every.kind != "grid")
+    of_case = case.rows(every.states) | (every.kind != "grid")
     *_, model = models_of(record, f"calibration of {case.load}").values()
     setup = setup_of(case.campaign, case.arm, options, discovery)
     outliers = record.suspected_outliers if isinstance(record, GeneralCalibrationRecord) else ()
-    suspected = {(each.pose, each.load_N) for each in outliers}
-    used = every.take(np.flatnonzero(fitted))
-    found = calibrate_with(used, model, setup, effects, suspected, options.wanted_uncertainty_mm)
+    grading = Grading(
+        suspected=frozenset((each.pose, each.load_N) for each in outliers),
+        findings=case.findings,
+        wanted_mm=options.wanted_uncertainty_mm,
+    )
+    used = every.take(np.flatnonzero(of_case))
+    found = calibrate_with_effects(used, model, setup, effects, grading)
     if not found.model.model.terms_of("effect"):
-        return record.model_copy(update={"warnings": (*record.warnings, *found.without)})
-    return with_effects(record, found, case.campaign)
+        return record.model_copy(update={"warnings": (*record.warnings, *found.omitted)})
+    return _with_last_fit(record, found, case.campaign)
 
 
-def _bent(effects: Sequence[EffectOfPlace | Effect], arm: Arm) -> list[int]:
+def calibrate_with_effects(
+    every: Observations,
+    model: FittedModel,
+    setup: MeasurementSetup,
+    effects: Sequence[EffectOfPlace | Effect],
+    grading: Grading = THE_FIT_ALONE,
+) -> EffectCalibration:
+    """Fit a calibrated model with effects, and all its parameters again.
+
+    Effects whose amounts are not significantly different from zero are omitted: the data do not
+    determine them. Readings with a gross error are excluded, as in a search.
+
+    Args:
+        every: single readings of a campaign, of all kinds.
+        model: the calibrated model.
+        setup: what is known of the campaign besides the poses.
+        effects: what to add: effects of a model, or their names and places.
+        grading: what the grade rests on besides the fit.
+
+    Raises:
+        CalibrationError: when there is no such effect at that place of the arm, or an effect needs
+            what is not known.
+        DiscoveryError: when there are too few poses, or too little is repeated.
+    """
+    effects = tuple(dict.fromkeys(effects))  # an effect that is listed twice is there once
+    campaign = prepared(every, model.with_bends(_bent_links(effects, model.arm)), setup)
+    by_blocks = judged_by_blocks(campaign.trusted)
+    fit = _fit_by_blocks(campaign, effects) if by_blocks else _fit_by_repeats(campaign, effects)
+    zero = dict(_may_be_zero(fit))
+    if not zero:
+        return _graded(campaign, fit, grading)
+    names = {(effect.id, effect.of) for effect in zero}
+    others = [each for each in effects if (each.id, each.of) not in names]
+    found = calibrate_with_effects(every, model, setup, others, grading)
+    return replace(found, omitted=(*zero.values(), *found.omitted))
+
+
+def _bent_links(effects: Sequence[EffectOfPlace | Effect], arm: Arm) -> list[int]:
     """Return the rows, from 1, whose links bend by effects at the joints that follow them."""
     on_links = {kind.id for kind in every_effect() if kind.on_link}
     places = {each.of for each in effects if each.id in on_links}
     return [row for row in range(1, arm.n) if f"joint {row + 1}" in places]
 
 
+# The fit, with the weights of poses, the noise and the solver of either scorer.
+
+
+class _Fit(NamedTuple):
+    """The calibrated model with effects, fitted as a scorer fits it."""
+
+    extended: linear.ModelWithEffects
+    poses: Observations  # those fitted, P of them
+    covariance: Array  # (k, k) of all unknowns
+    whitener: Array  # (P, b, b) of their components
+    targets_off_m: Array  # (a,) deviations of stated coordinates of targets
+
+
+def _fit_by_blocks(campaign: Prepared, wanted: Sequence[EffectOfPlace | Effect]) -> _Fit:
+    """Fit effects to a campaign whose poses are read once."""
+    survey = Survey.of(campaign)
+    rows = weighted_rows(survey, computable_shapes(survey)[0], MAPS.spacings[-1][0])
+    effects = _effects(wanted, survey.context, campaign, survey.poses, rows.weights.whiteners())
+    starts = tuple(effect.starts[0] for effect in effects)
+    found = refit(survey, effects, starts, rows.weights)
+    if tilted := with_tilts_shown(survey, found):
+        found = refit(replace(survey, baseline=tilted), effects, starts, rows.weights)
+    return _Fit(found, survey.poses, found.covariance, found.weights.whiteners(), np.zeros(0))
+
+
+def _fit_by_repeats(campaign: Prepared, wanted: Sequence[EffectOfPlace | Effect]) -> _Fit:
+    """Fit effects to a campaign whose poses are repeated."""
+    baseline, setup, logged = campaign.baseline, campaign.setup, campaign.torques == "logged"
+    problem = prepare(campaign.trusted, baseline, setup, torques_logged=logged)
+    whitener = whitener_of(problem.cell_cov)
+    effects = _effects(wanted, problem.context, campaign, problem.cells, whitener)
+    problem, fit = fit_given(problem, effects)
+    return _Fit(
+        extended=fit,
+        poses=problem.cells,
+        covariance=covariance_of(problem, fit),
+        whitener=whitener_of(problem.cell_cov),
+        targets_off_m=targets_off_m(problem, fit),
+    )
+
+
 def _effects(
-    wanted: Sequence[EffectOfPlace | Effect], context: CandidateContext
+    wanted: Sequence[EffectOfPlace | Effect],
+    context: CandidateContext,
+    campaign: Prepared,
+    poses: Observations,
+    whitener: Array,
 ) -> tuple[Effect, ...]:
-    """Return the wanted effects in the form that suits the campaign."""
+    """Return the wanted effects in the form that suits the campaign.
+
+    Lines of gears get their cycles a turn from the residual of the calibrated model, in poses (P,)
+    that whiteners (P, b, b) make white.
+
+    Raises:
+        CalibrationError: where the arm has no such effect, or the residual no line of that joint.
+    """
     # Scales of three axes may be asked for even if the instrument is not known to have them.
     context = replace(context, three_axes=None)
-    known = {
-        (effect.id, effect.of): effect for effect in everywhere_but(every_effect(), context, ())
-    }
+    possible = {(e.id, e.of): e for e in everywhere_but(every_effect(), context, ())}
+    lines: dict[str, Effect] = {}
+    if any(each.id == GearLine.id and not isinstance(each, Effect) for each in wanted):
+        residual = linear.residual(campaign.baseline, poses)
+        rows = linear.WhitenedPoses(campaign.baseline, poses, residual, whitener)
+        lines = {line.of: line for line in gear_lines(rows, campaign.setup.options.error_rate)}
     found = []
     for each in wanted:
         if isinstance(each, Effect):
             found.append(each)
-            continue
-        if (each.id, each.of) not in known:
-            places = [of for kind, of in known if kind == each.id]
+        elif (each.id, each.of) not in possible:
+            raise _no_such_place(each, [of for kind, of in possible if kind == each.id])
+        elif each.id != GearLine.id:
+            found.append(possible[each.id, each.of])
+        elif each.of in lines:
+            found.append(lines[each.of])
+        else:
             raise CalibrationError(
-                f"there is no {each.id} of {each.of}",
+                "no number of cycles a turn stands out in what the model leaves",
                 where="calibration.effects",
                 value={"id": each.id, "of": each.of},
-                allowed=", ".join(places) or "an effect that this arm can have",
-                remedy=remedy_for(each.of, places, "correct the place"),
+                allowed=f"joints with a line: {', '.join(lines) or 'none'}",
+                remedy="omit the effect, or measure poses at other angles of this joint",
             )
-        found.append(known[each.id, each.of])
     return tuple(found)
 
 
-def _with_orders(
-    effects: tuple[Effect, ...],
-    wanted: Sequence[EffectOfPlace | Effect],
-    at: FittedModel,
-    poses: Observations,
-    whiten: Array,
-    error_rate: float,
-) -> tuple[Effect, ...]:
-    """Return the effects, where gear lines that are wanted by their place have an order.
-
-    Raises:
-        CalibrationError: where the residual of the model has no line at that joint.
-    """
-    places = {effect.of for effect in effects if effect.id == GearLine.id and effect not in wanted}
-    if not places:
-        return effects
-    rows = linear.WhitenedPoses(at, poses, linear.residual(at, poses), whiten)
-    found = {line.of: line for line in gear_lines(rows, error_rate)}
-    for place in sorted(places - set(found)):
-        raise CalibrationError(
-            "no number of cycles a turn stands out in what the model leaves",
-            where="calibration.effects",
-            value={"id": GearLine.id, "of": place},
-            allowed=f"joints with a line: {', '.join(found) or 'none'}",
-            remedy="omit the effect, or measure poses at other angles of this joint",
-        )
-    return tuple(
-        found[effect.of] if effect.id == GearLine.id and effect.of in places else effect
-        for effect in effects
+def _no_such_place(wanted: EffectOfPlace, places: Sequence[str]) -> CalibrationError:
+    """Return the refusal of an effect that the arm can have at some places only."""
+    return CalibrationError(
+        f"there is no {wanted.id} of {wanted.of}",
+        where="calibration.effects",
+        value={"id": wanted.id, "of": wanted.of},
+        allowed=", ".join(places) or "an effect that this arm can have",
+        remedy=remedy_for(wanted.of, places, "correct the place"),
     )
 
 
-def with_effects(record: R, found: CalibratedWith, campaign: CampaignIdentity) -> R:
+def _may_be_zero(fit: _Fit) -> Iterator[tuple[Effect, str]]:
+    """Yield the effects whose amounts are not significant, each with a warning."""
+    extended, covariance = fit.extended, fit.covariance
+    for effect in filter(is_named, extended.effects):
+        for why in holds_zero(effect, extended.fitted(covariance)):
+            values = parameters_text(
+                effect_parameters(effect, *extended.reported(effect, covariance))
+            )
+            yield effect, f"{label_of(effect, None)} is not in the model: {why} ({values})"
+
+
+# The grade of the fit.
+
+
+def _graded(campaign: Prepared, fit: _Fit, grading: Grading) -> EffectCalibration:
+    """Return the calibration by a fit, with its grade."""
+    model = replace(fit.extended.fitted(fit.covariance), targets_off_m=fit.targets_off_m)
+    readings = campaign.readings
+    poses = complete(average_repeats(readings), campaign.baseline, campaign.setup, model)
+    labels = zip(poses.pose.tolist(), poses.states.load_N.tolist(), strict=True)
+    flagged = np.array([label in grading.suspected for label in labels])
+    flagged |= np.bincount(reading_groups(readings), campaign.gross) > 0.0
+    discrepancy = discrepancy_of(model, poses.take(np.flatnonzero(~flagged)))
+    model = replace(model, discrepancy=discrepancy)
+    deviations, summary, measured = model.deviations(poses), _summary(fit), fit.poses.measured
+    noise = np.asarray(np.linalg.inv(np.swapaxes(fit.whitener, 1, 2) @ fit.whitener), np.float64)
+    evidence = GradeEvidence(
+        ended=summary,
+        train_rms_mm=accuracy.summarise(deviations, ~flagged).rms_mm,
+        held_out=_held_out_errors(campaign, model, poses),
+        suspected_outliers=int(flagged.sum()),
+        noise_mm=accuracy.position_noise_mm(measured, noise),
+        noise_is_found=True,
+        discrepancy_mm=lacking_mm(discrepancy, poses.states.q_rad),
+        joints_mm=by_uncertain_joints_mm(model.model, model.x, poses),
+        spread_mm=measured.spread_mm,
+        findings=grading.findings,
+        wanted_mm=grading.wanted_mm,
+    )
+    return EffectCalibration(model, poses, deviations, flagged, summary, health(evidence))
+
+
+def _held_out_errors(
+    campaign: Prepared, model: FittedModel, fitted: Observations
+) -> accuracy.HeldOut | None:
+    """Return the errors of held-out poses, without suspected ones unless all are; None for none."""
+    if campaign.held_out is None:
+        return None
+    held_out = complete(campaign.held_out, campaign.baseline, campaign.setup, model)
+    trusted = np.ones(len(held_out), dtype=bool)
+    if campaign.suspected is not None and not campaign.suspected.all():
+        trusted = ~campaign.suspected
+    places = HeldOutPlaces.of(held_out, fitted)
+    return accuracy.HeldOut.of(
+        model.deviations(held_out), places, trusted, fitted.readings, held_out.readings
+    )
+
+
+def _summary(fit: _Fit) -> FitSummary:
+    """Return how a fit ended, without uncertain weights of the arm.
+
+    Those are known to their uncertainty: the poses need not determine them.
+    """
+    model, measured = fit.extended.model, fit.poses.measured
+    every = (*model.parameters, *measured.target_parameters)
+    of_target: Role = "target"
+    roles = (*model.roles, *(of_target for _ in measured.target_parameters))
+    kept = np.ones(len(every), dtype=bool)
+    kept[: len(model.parameters)] = ~model.having("weight")
+    parameters = tuple(each for each, stays in zip(every, kept, strict=True) if stays)
+    jacobian = linear.residual_and_jacobian(fit.extended.at, fit.poses)[1][:, :, kept]
+    white = fit.whitener @ jacobian
+    scale = np.array([parameter.scale for parameter in parameters])
+    rank = identify(white.reshape(-1, white.shape[2]), scale)
+    converged, x = fit.extended.converged, fit.extended.x[: len(kept)][kept]
+    why = "the last step was small" if converged else "steps were not enough"
+    at_bound = np.zeros(len(parameters), dtype=bool)
+    return FitSummary(
+        Solution(x, at_bound, 0.0, 0, converged, why),
+        pose=fit.poses.pose,
+        parameters=parameters,
+        roles=tuple(role for role, stays in zip(roles, kept, strict=True) if stays),
+        departures=model.departures,
+        covariance=fit.covariance[np.ix_(kept, kept)],
+        identifiability=rank,
+        white=white,
+        position_gram=accuracy.gram(accuracy.of_one_target(measured, jacobian)),
+        not_identifiable=not_identifiable(rank, parameters),
+    )
+
+
+# The record of the calibration.
+
+
+def _with_last_fit(record: R, found: EffectCalibration, campaign: CampaignIdentity) -> R:
     """Return the record of a calibration, with its last fit replaced by that with effects."""
     about = FittedTo.of(found.poses, record.load, found.health, campaign)
-    model = replace(found.model, fitted_to=about)
-    load_N = found.poses.states.load_N
-    ended, errors = found.ended, dict(record.errors)
-    of_trusted = accuracy.summarise_trusted(found.found, found.found, load_N, found.flagged)
-    for load, after in accuracy.summarise_by_load(found.found, load_N).items():
-        if load in errors:
-            before = errors[load].trusted or errors[load]
-            trusted = of_trusted.get(load)
-            if trusted is not None:
-                trusted = BeforeAfter(before=before.before, after=trusted.after)
-            update = {"after": after, "trusted": trusted}
-            errors[load] = errors[load].model_copy(update=update)
+    model, fit, poses = replace(found.model, fitted_to=about), found.fit, found.poses
+    of_first_fit = (record.health.line, f"not converged: {record.reason}")
+    kept = (warning for warning in record.warnings if warning not in of_first_fit)
+    names = (*(parameter.name for parameter in model.model.parameters), *_BASE)
     return record.model_copy(
         update={
-            "status": "converged" if ended.solution.converged else "not converged",
-            "reason": ended.solution.reason,
+            "status": "converged" if fit.solution.converged else "not converged",
+            "reason": fit.solution.reason,
             "parameters": _parameters(found),
-            "covariance": Covariance(
-                names=(*(p.name for p in model.model.parameters), *_BASE), matrix=model.covariance
-            ),
+            "covariance": Covariance(names=names, matrix=model.covariance),
             "T_instr_base": model.T_instr_base,
             "fitted_model": model_to_plain(model),
-            "rank": ended.identifiability.rank,
-            "unknowns": len(ended.parameters),
-            "condition": ended.identifiability.condition,
-            "singular_values": ended.identifiability.singular_values,
-            "errors": errors,
+            "rank": fit.identifiability.rank,
+            "unknowns": len(fit.parameters),
+            "condition": fit.identifiability.condition,
+            "singular_values": fit.identifiability.singular_values,
+            "errors": _errors_by_load(record, found),
             "residuals": ResidualRows(
-                pose=found.poses.pose,
-                load_N=load_N,
-                place_mm=1e3 * model.model.predict(found.poses.states, model.x)[:, :3, 3],
-                position_mm=found.found.position_mm,
-                rotation_deg=found.found.rotation_deg,
+                pose=poses.pose,
+                load_N=poses.states.load_N,
+                place_mm=1e3 * model.model.predict(poses.states, model.x)[:, :3, 3],
+                position_mm=found.deviations.position_mm,
+                rotation_deg=found.deviations.rotation_deg,
             ),
             "health": found.health,
             "warnings": (
                 *(() if found.health.grade == "good" else (found.health.line,)),
-                *found.without,
+                *kept,
+                *found.omitted,
             ),
         }
     )
 
 
-_BASE = ("base_x", "base_y", "base_z", "base_rx", "base_ry", "base_rz")
+def _errors_by_load(record: CalibrationRecord, found: EffectCalibration) -> dict[str, LoadErrors]:
+    """Return the errors of a record by load, those after its last fit replaced."""
+    deviations, load_N, errors = found.deviations, found.poses.states.load_N, dict(record.errors)
+    of_trusted = accuracy.summarise_trusted(deviations, deviations, load_N, found.flagged)
+    for load, after in accuracy.summarise_by_load(deviations, load_N).items():
+        if load not in errors:
+            continue
+        trusted = of_trusted.get(load)
+        if trusted is not None:
+            before = (errors[load].trusted or errors[load]).before
+            trusted = BeforeAfter(before=before, after=trusted.after)
+        errors[load] = errors[load].model_copy(update={"after": after, "trusted": trusted})
+    return errors
 
 
-def _parameters(found: CalibratedWith) -> dict[str, CalibratedParameter]:
+def _parameters(found: EffectCalibration) -> dict[str, CalibratedParameter]:
     """Return every parameter with value, standard uncertainty and unit, effects by their place."""
-    model, not_found = found.model, found.ended.not_identifiable
+    model, not_identifiable = found.model, found.fit.not_identifiable
     assert model.covariance is not None
     parameters: dict[str, CalibratedParameter] = {}
     for term in model.model.terms:
         columns = model.model.columns_of(term)
         report = term.report(model.x[columns])
-        is_open = np.array([each.name in not_found for each in term.parameters], dtype=bool)
+        is_open = np.array([each.name in not_identifiable for each in term.parameters], dtype=bool)
         held = names_of(report.parameters, (report.jacobian[:, is_open] != 0.0).any(axis=1))
-        covariance = model.covariance[columns, columns]
         of_term = uncertainty.calibrated_parameters(
-            report, covariance, held, u_scale=model.model.u_scale
+            report, model.covariance[columns, columns], held, u_scale=model.model.u_scale
         )
         place = f"{term.id}_{term.of.removeprefix('joint ')}_" if is_effect(term) else ""
         parameters |= {f"{place}{name}": each for name, each in of_term.items()}
     R = model.T_instr_base[:3, :3]
     return parameters | base_parameters(model.T_instr_base, model.covariance[-6:, -6:], R)
-
-
-@dataclass(frozen=True, eq=False)
-class Extended:
-    """The calibrated model with the effects that a verdict found missing."""
-
-    model: FittedModel
-    seen: AngleCoverage | None = None  # joint angles that its maps were fitted to; None without any
-    # times of sudden motions of instrument or base by the verdict [s], the most certain first
-    steps_s: tuple[float, ...] = ()

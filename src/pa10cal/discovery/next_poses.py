@@ -1,16 +1,12 @@
 """What to measure next: poses that separate rival effects, or take joints to angles not visited.
 
-The separation of an effect from its rival is the expected difference of their log evidence if the
-effect is present in the size found: the squares of its signal that the rival and the model's own
-parameters cannot follow. Either may be present, so the smaller of both separations counts.
-
-Poses are chosen by the expected information about which of the two is present (Lindley, Annals of
-Mathematical Statistics 27, 1956), which is small for a pair that is nearly decided.
+Poses are chosen by the expected information about which of two effects is present (Lindley, Annals
+of Mathematical Statistics 27, 1956), which is small for a pair that is nearly decided.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -22,30 +18,26 @@ from pa10cal.arm import workspace
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.discovery.blocked_cv.survey import Survey
-from pa10cal.discovery.evidence.candidates import linearise
 from pa10cal.discovery.evidence.fit import EvidenceFit
-from pa10cal.discovery.evidence.noise_model import NoiseModel
 from pa10cal.discovery.evidence.problem import EvidenceProblem
 from pa10cal.discovery.finding import Finding, Untestable
 from pa10cal.discovery.other_numbers import NEXT_POSES
-from pa10cal.discovery.predicted_rows import predicted
 from pa10cal.discovery.preparation import targets_m
-from pa10cal.discovery.rules import EVIDENCE
+from pa10cal.discovery.separation import predicted, separation_criteria
 from pa10cal.discovery.verdict import Plan, label_of
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.validity import AngleCoverage
-from pa10cal.numerics.pose_sets import Combined, SeparationCriterion, exchange, greedy_order
+from pa10cal.numerics.pose_sets import Combined, exchange, greedy_order
 from pa10cal.observe.arrivals import end_travel, move_shares
-from pa10cal.results.discovery import Separation as ExpectedSeparation
-from pa10cal.results.discovery import SuggestedPose
+from pa10cal.results.discovery import Separation, SuggestedPose
 from pa10cal.rules import ANGLES
 from pa10cal.terms.effects.effect import Effect
-from pa10cal.terms.term import shows_torque
 
 #: An effect and what may stand in its place: another, or the model's own parameters alone.
 Pair = tuple[Effect, Effect | None]
 #: Nodes and weights of a standard Gaussian, at which expectations are taken.
 _NODES, _WEIGHTS = hermegauss(NEXT_POSES.quadrature)
+_WEIGHTS = _WEIGHTS / _WEIGHTS.sum()
 #: Log evidence at which expected information is worked out [nat]; it is interpolated between.
 _GRID_NATS = np.append(0.0, np.geomspace(*NEXT_POSES.grid_nats))
 
@@ -78,37 +70,34 @@ class PairProbability:
 
     def expected_probability(self, nats: float) -> float:
         """Return the probability expected, after so much evidence, of the likelier of the two."""
-        return float(self._expected(np.array([nats]))[1][0])
+        truths = self._after(np.array([nats]))
+        likelier = [prior * (np.maximum(p, 1.0 - p) @ _WEIGHTS) for prior, p in truths]
+        return float(np.sum(likelier))
 
     @cached_property
     def _on_grid(self) -> Array:
-        entropy_bits, _ = self._expected(_GRID_NATS)
+        """Return the information (N,) at the log evidence of the grid."""
+        truths = self._after(_GRID_NATS)
+        entropy_bits = np.sum([prior * (_entropy_bits(p) @ _WEIGHTS) for prior, p in truths], 0)
         # Information never falls; its quadrature may, in the last digits.
         gained_bits = np.maximum.accumulate(entropy_bits[0] - entropy_bits)
         return np.asarray(self.both * gained_bits)
 
-    def _expected(self, nats: Array) -> tuple[Array, Array]:
-        """Return the entropy (N,) expected after log evidence (N,), and the larger probability.
+    def _after(self, nats: Array) -> Iterator[tuple[float, Array]]:
+        """Yield for either truth its probability, and that of the effect after log evidence (N,).
 
-        The log odds of the truth grow by d on average, with a variance of 2 d (Good, Weighing
-        evidence, 1950).
+        The latter (N, nodes) at the nodes of the quadrature: the log odds of the truth grow by d on
+        average, with a variance of 2 d (Good, Weighing evidence, 1950).
         """
         p = float(np.clip(self.probability, NEXT_POSES.least, 1.0 - NEXT_POSES.least))
         grown = nats[:, None] + np.sqrt(2.0 * nats)[:, None] * _NODES
-        truths = ((p, expit(logit(p) + grown)), (1.0 - p, expit(grown - logit(p))))
-        weights = _WEIGHTS / _WEIGHTS.sum()
-        entropy_bits = sum(prior * (_entropy_bits(after) @ weights) for prior, after in truths)
-        likelier = sum(prior * (np.maximum(q, 1.0 - q) @ weights) for prior, q in truths)
-        return np.asarray(entropy_bits), np.asarray(likelier)
+        yield p, expit(logit(p) + grown)
+        yield 1.0 - p, expit(logit(p) - grown)
 
 
 def _entropy_bits(p: Array) -> Array:
     """Return the entropy of an event of probability p (...)."""
     return np.asarray((entr(p) + entr(1.0 - p)) / np.log(2.0))
-
-
-#: Pairs, the most open first; None for what the verdict has no probability of.
-Rivals = Mapping[Pair, PairProbability | None]
 
 
 def draw_near(measured: EvidenceProblem | Survey, count: int, random_seed: int) -> Array:
@@ -148,7 +137,7 @@ def draw_near(measured: EvidenceProblem | Survey, count: int, random_seed: int) 
     return found.q
 
 
-def unresolved(
+def unresolved_pairs(
     effects: Sequence[Finding], not_testable: Sequence[Untestable] = ()
 ) -> dict[Pair, PairProbability | None]:
     """Return the pairs that other poses may separate, those with the largest entropy first.
@@ -174,10 +163,10 @@ def unresolved(
 def separating_poses(
     problem: EvidenceProblem,
     found: EvidenceFit,
-    asked: Rivals,
+    asked: Mapping[Pair, PairProbability | None],
     count: int,
     random_seed: int = 0,
-    alike: float = 1.0,
+    divisor: float = 1.0,
 ) -> Plan:
     """Choose the poses that are expected to give most information about which effect is true.
 
@@ -187,84 +176,116 @@ def separating_poses(
     Args:
         problem: the campaign.
         found: the fit of the model with what was found.
-        asked: pairs of effects; the first of each is an effect of the fit, or not testable.
+        asked: pairs of effects with their probabilities, None where these are not known; the first
+            of each pair is an effect of the fit, or not testable.
         count: number of poses.
         random_seed: of the pool.
-        alike: factor by which log evidence is divided where poses share errors.
+        divisor: factor by which log evidence is divided where poses share errors.
 
     Raises:
         DiscoveryError: when nothing can be predicted, or an effect needs what is not known.
     """
     if not asked:
         return Plan((), ())
-    labels = [label_of(*pair) for pair in asked]
-    hidden = PairProbability(0.5 * NEXT_POSES.hidden, 0.5 * NEXT_POSES.hidden)
-    odds = [known or hidden for known in asked.values()]
     pool = _pool(problem, random_seed)
-    pairs = _separations(problem, found, list(asked), predicted(problem, found, pool))
-    every, count = Combined(pairs), min(count, len(pool))
-    before = every.values  # of each pair, by the measured poses
-
-    def information_bits(nats: Array) -> Array:
-        """Return the information expected of each pair by its log evidence, (pairs, ...)."""
-        added = np.array(
-            [np.maximum(now - then, 0.0) / alike for now, then in zip(nats, before, strict=True)]
-        )
-        bits = [pair.information_bits(more) for pair, more in zip(odds, added, strict=True)]
-        # A pair that is nearly settled is still better the further it is separated.
-        return np.asarray(np.array(bits) + NEXT_POSES.further_bits * np.log1p(added))
-
-    for pair in pairs:
-        greedy_order(pair, count)
-    possible = every.values
-    sought = np.flatnonzero(possible - before >= NEXT_POSES.apart_nats).tolist()
-    order: list[int] = []
-    if sought:
-        total = Combined(pairs, lambda nats: np.asarray(information_bits(nats)[sought].sum(axis=0)))
-        start = greedy_order(total, count)
-        chosen = exchange(total, start, most_sweeps=NEXT_POSES.most_sweeps).chosen
-        order = greedy_order(total, count, among=chosen).tolist()
-    every.restart()
-    steps = [every.values]
-    for pose in order:
-        every.add(pose)
-        steps.append(every.values)
-    nats = np.array(steps)  # (poses + 1, pairs) before any pose, and after each
-    bits = information_bits(nats.T).T
+    count = min(count, len(pool))
+    criteria = separation_criteria(problem, found, list(asked), predicted(problem, found, pool))
+    before_nats = Combined(criteria).values  # of each pair, by the measured poses
+    hidden = PairProbability(0.5 * NEXT_POSES.hidden, 0.5 * NEXT_POSES.hidden)
+    odds = tuple(known or hidden for known in asked.values())
+    information = _ExpectedInformation(odds, before_nats, divisor)
+    possible_nats = np.array([_best_value(criterion, count) for criterion in criteria])
+    separable = np.flatnonzero(possible_nats - before_nats >= NEXT_POSES.apart_nats).tolist()
+    order = _most_informative(criteria, information, separable, count) if separable else []
+    nats = _nats_along(criteria, order)
+    labels = [label_of(*pair) for pair in asked]
     poses = []
     for n, pose in enumerate(order):
-        helped = _separated_by(n, nats, bits, sought)
-        purposes = tuple(labels[k] for k in helped)
-        after_nats = float(nats[n + 1][sought].min())
+        purposes = tuple(labels[k] for k in information.separated_by(n, nats, separable))
+        after_nats = float(nats[n + 1][separable].min())
         poses.append(_suggested(problem, pool, pose, after_nats, purposes))
     separations = (
-        ExpectedSeparation(
+        Separation(
             pair=labels[k],
-            before_nats=float(before[k]),
+            before_nats=float(before_nats[k]),
             after_nats=float(nats[-1, k]),
-            possible_nats=float(max(possible[k], nats[-1, k])),
-            can_be_split=k in sought,
+            possible_nats=float(max(possible_nats[k], nats[-1, k])),
+            can_be_split=k in separable,
             probability=None if known is None else known.probability,
             expected_probability=None
             if known is None
-            else known.expected_probability(float(nats[-1, k] - before[k]) / alike),
+            else known.expected_probability(float(nats[-1, k] - before_nats[k]) / divisor),
         )
         for k, known in enumerate(asked.values())
     )
     return Plan(tuple(poses), tuple(separations))
 
 
-def _separated_by(n: int, nats: Array, bits: Array, sought: Sequence[int]) -> list[int]:
-    """Return the pairs that the n-th pose separates.
+@dataclass(frozen=True, eq=False)
+class _ExpectedInformation:
+    """Information that further poses are expected to give about each of several pairs."""
 
-    The pair about which it informs most, and those to whose log evidence it adds at least as much
-    as the mean pose. Log evidence and information (poses + 1, pairs) are before any pose and after
-    each.
-    """
-    even_share = (nats[-1] - nats[0]) / (len(nats) - 1)
-    learnt, added = bits[n + 1] - bits[n], nats[n + 1] - nats[n]
-    most = max(sought, key=lambda k: learnt[k])
-    return [k for k in sought if k == most or added[k] >= even_share[k]]
+    odds: Sequence[PairProbability]
+    before_nats: Array  # (pairs,) separation by the measured poses
+    divisor: float  # of log evidence, where poses share errors
+
+    def bits(self, nats: Array) -> Array:
+        """Return the information about each pair, (pairs, ...), by its separation (pairs, ...)."""
+        pairs = zip(self.odds, nats, self.before_nats, strict=True)
+        every = []
+        for pair, now_nats, before_nats in pairs:
+            added_nats = np.maximum(now_nats - before_nats, 0.0) / self.divisor
+            # A pair that is nearly settled is still better the further it is separated.
+            further = NEXT_POSES.further_bits * np.log1p(added_nats)
+            every.append(pair.information_bits(added_nats) + further)
+        return np.array(every)
+
+    def separated_by(self, n: int, nats: Array, separable: Sequence[int]) -> list[int]:
+        """Return which of the separable pairs the n-th of several poses separates.
+
+        The pair about which it informs most, and those to whose separation it adds at least as much
+        as the mean pose. The separations (poses + 1, pairs) are before any pose and after each.
+        """
+        even_share = (nats[-1] - nats[0]) / (len(nats) - 1)
+        learnt = self.bits(nats[n + 1]) - self.bits(nats[n])
+        added = nats[n + 1] - nats[n]
+        most = max(separable, key=lambda k: learnt[k])
+        return [k for k in separable if k == most or added[k] >= even_share[k]]
+
+
+def _best_value(criterion: Combined, count: int) -> float:
+    """Return the value of a criterion for the poses that are chosen for it alone."""
+    greedy_order(criterion, count)
+    return criterion.value
+
+
+def _most_informative(
+    criteria: Sequence[Combined],
+    information: _ExpectedInformation,
+    separable: Sequence[int],
+    count: int,
+) -> list[int]:
+    """Return the poses of most information about the separable pairs, in the order of its gain."""
+
+    def total(nats: Array) -> Array:
+        return np.asarray(information.bits(nats)[separable].sum(axis=0))
+
+    criterion = Combined(criteria, total)
+    start = greedy_order(criterion, count)
+    chosen = exchange(criterion, start, most_sweeps=NEXT_POSES.most_sweeps).chosen
+    order: list[int] = greedy_order(criterion, count, among=chosen).tolist()
+    return order
+
+
+def _nats_along(criteria: Sequence[Combined], order: Sequence[int]) -> Array:
+    """Return the separation of each pair before any pose and after each, (poses + 1, pairs)."""
+    every = Combined(criteria)
+    every.restart()
+    steps = [every.values]
+    for pose in order:
+        every.add(pose)
+        steps.append(every.values)
+    return np.array(steps)
 
 
 def _suggested(
@@ -304,119 +325,6 @@ def _pool(problem: EvidenceProblem, random_seed: int) -> PoseStates:
         move_share=share,
         move_end_m=end_travel(problem.context.arm, q_rad, share),
     )
-
-
-def _separations(
-    problem: EvidenceProblem, found: EvidenceFit, rivals: Sequence[Pair], ahead: EvidenceProblem
-) -> list[Combined]:
-    """Return, for every pair, the lesser separation of either effect from the other.
-
-    Rows are of C measured poses, then of N candidates, with b components of unit variance each.
-
-    Raises:
-        DiscoveryError: when an effect needs what is not known of the poses ahead.
-    """
-    members = (effect for pair in rivals for effect in pair if effect is not None)
-    effects = tuple(dict.fromkeys([*found.effects, *members]))
-    factors, now = _by_parameters(problem, found, effects)
-    _, then = _by_parameters(ahead, found, effects)
-    # (C + N, b, k) of the model's own parameters and of the errors common to all poses, scaled to
-    # their expected sizes, and of each effect
-    own, *of_effects = map(np.concatenate, zip(now, then, strict=True))
-    by_effect = dict(zip(effects, of_effects, strict=True))
-    size_of = {effect: EVIDENCE.sizes[size] for effect, size in found.size_of.items()}
-    sized = {  # scaled to the size of each; the largest for an effect that is not in the fit
-        effect: by_effect[effect] @ factor * size_of.get(effect, EVIDENCE.sizes[-1])
-        for effect, factor in zip(effects, factors, strict=True)
-    }
-    as_found = {  # (C + N, b, 1) of each effect of the fit, in the amount found
-        effect: by_effect[effect][..., : effect.linear] @ found.of(effect)[: effect.linear, None]
-        for effect in found.effects
-    }
-    measured, components = len(now[0]), len(np.unique(problem.cells.pose)) * own.shape[1]
-
-    def adjustable(truth: Effect, rival: Effect | None) -> Array:
-        """Return columns of all that may be adjusted if an effect is true, the rival last."""
-        free = [effect for effect in found.effects if effect not in (truth, rival)]
-        free += [] if rival is None else [rival]
-        return np.concatenate([own, *(sized[effect] for effect in free)], axis=2)
-
-    def if_true(truth: Effect, rival: Effect | None) -> Array:
-        """Return the signal (C + N, b, m) of an effect if it is true.
-
-        It has the amount found; or else the amount with which it best imitates its rival that was
-        found; or else plausible amounts of each parameter, on average over its shapes.
-        """
-        if truth in as_found:
-            return as_found[truth]
-        if rival is None or rival not in as_found:
-            return np.asarray(sized[truth] / (EVIDENCE.sizes[-1] * np.sqrt(len(truth.starts))))
-        columns = adjustable(rival, truth)[:measured]
-        k = columns.shape[2]
-        rows = np.concatenate([columns.reshape(-1, k), np.eye(k)])
-        target = np.append(as_found[rival][:measured], np.zeros(k))
-        imitating = np.linalg.lstsq(rows, target, rcond=None)[0][-sized[truth].shape[2] :]
-        return np.asarray(sized[truth] @ imitating[:, None])
-
-    def separation(truth: Effect, rival: Effect | None) -> SeparationCriterion:
-        """Return the squares of a true effect that all that may be adjusted leaves."""
-        effect = if_true(truth, rival)
-        rows = np.concatenate([adjustable(truth, rival), effect], axis=2)
-        k = rows.shape[2]
-        known = np.concatenate([rows[:measured].reshape(-1, k), np.eye(k)])
-        return SeparationCriterion(rows[measured:], known, effect.shape[2], components)
-
-    combined = []
-    for effect, rival in rivals:
-        both_ways = [separation(effect, rival)]
-        if rival is not None:
-            both_ways.append(separation(rival, effect))
-        combined.append(Combined(both_ways))
-    return combined
-
-
-def _by_parameters(
-    problem: EvidenceProblem, found: EvidenceFit, effects: tuple[Effect, ...]
-) -> tuple[list[Array], list[Array]]:
-    """Return the columns of effects at a problem's poses, and the factors of their priors.
-
-    Returns:
-        The factor (k', k') of each effect's prior; and columns (C, b, k), first of all that is
-        common to the rivals, scaled to its size, then of the parameters of each effect. Errors
-        common to all poses have columns of their own, which future poses share.
-
-    Raises:
-        DiscoveryError: when an effect needs what is not known of the poses.
-    """
-    lin, pose = linearise(problem, found, effects), problem.pose
-
-    def scaled(channel: NoiseModel, variance: float, rows: Array) -> Array:
-        """Return rows divided by their noise with the error that all readings of a pose share."""
-        divided = rows / np.sqrt(1.0 + variance * channel.shared_size)[:, None]
-        return divided.reshape(len(channel.whitener), -1, rows.shape[1])
-
-    rows = [np.hstack([lin.own, pose.common]), *(block.pose for block in lin.blocks)]
-    rows = [scaled(pose, found.variances.pose, part) for part in rows]
-    if problem.torque is not None and any(shows_torque(effect) for effect in effects):
-        torque = problem.torque
-        # Effects alone show in poses and torques both: all other columns are zero in one of them.
-        of_poses, of_torque = rows[0].shape[2], torque.common.shape[1]
-        rows[0] = np.pad(rows[0], [(0, 0), (0, 0), (0, of_torque)])
-        of_torques = [np.pad(torque.common, [(0, 0), (of_poses, 0)])]
-        of_torques += [block.torque for block in lin.blocks]
-        rows = [
-            np.concatenate([part, scaled(torque, found.variances.torque, more)], axis=1)
-            for part, more in zip(rows, of_torques, strict=True)
-        ]
-    for effect, part in zip(effects, rows[1:], strict=True):
-        if not np.all(np.isfinite(part)):
-            raise DiscoveryError(
-                "the effect depends on a quantity that is unknown for future poses",
-                where=f"{effect.id} of {effect.of}",
-                allowed="effects of logged quantities",
-                remedy="omit the effect",
-            )
-    return [block.factor for block in lin.blocks], rows
 
 
 def poses_at_unseen_angles(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,8 +12,9 @@ from pa10cal.calibration.uncertainty import reported_keys
 from pa10cal.discovery.finding import name_of, steps_told, with_a_name
 from pa10cal.discovery.rules import JUDGING, decisions
 from pa10cal.discovery.verdict import NOTHING_PLANNED, Plan, Verdict
-from pa10cal.fit.fitted_model import model_to_plain
+from pa10cal.fit.fitted_model import FittedModel, model_to_plain
 from pa10cal.fit.problem import possible_sizes
+from pa10cal.fit.validity import AngleCoverage
 from pa10cal.results.analysis import AnalysisRecord, GapField
 from pa10cal.results.discovery import (
     AllUnexplained,
@@ -27,6 +29,16 @@ from pa10cal.results.maps import FallsBack
 from pa10cal.results.record import CampaignIdentity, shown_probability
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
 from pa10cal.terms.wording import fault_text
+
+
+@dataclass(frozen=True, eq=False)
+class Extended:
+    """The calibrated model with the effects that a verdict found missing, as it was written."""
+
+    model: FittedModel
+    seen: AngleCoverage | None = None  # joint angles that its maps were fitted to; None without any
+    # times of sudden motions of instrument or base by the verdict [s], the most certain first
+    steps_s: tuple[float, ...] = ()
 
 
 def verdict_keys(found: Verdict, ahead: Plan = NOTHING_PLANNED) -> VerdictKeys:

@@ -14,8 +14,8 @@ import numpy as np
 
 from pa10cal.calibration.accuracy import align_nominal
 from pa10cal.discovery import preparation
-from pa10cal.discovery.given import Extended
 from pa10cal.discovery.preparation import MeasurementSetup
+from pa10cal.discovery.verdict_records import Extended
 from pa10cal.errors import CalibrationError
 from pa10cal.evaluation.carried_model import (
     RefittedModel,

@@ -130,11 +130,11 @@ def _record(
     The effects are those of the verdict, or without one (None) those that the settings list.
     """
     from pa10cal.calibration.campaign import calibration_record
-    from pa10cal.discovery.given import calibrated_with, listed
+    from pa10cal.discovery.given import effects_listed, record_with_effects
 
     record = calibration_record(case, seed, general=by_general)
-    effects = listed(case.options) if of_verdict is None else of_verdict
-    return calibrated_with(effects, record, case, discovery)
+    effects = effects_listed(case.options) if of_verdict is None else of_verdict
+    return record_with_effects(effects, record, case, discovery)
 
 
 def _effects_of_verdict(path: Path, campaign: str) -> tuple[str, list[Effect]]:

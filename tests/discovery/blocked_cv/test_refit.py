@@ -8,7 +8,7 @@ import pytest
 from made_up_survey import Hidden, at_joint, observe
 from pa10cal.discovery.blocked_cv.other_baselines import with_tilts_shown
 from pa10cal.discovery.blocked_cv.refit import PartialFits, determined_count, refit
-from pa10cal.discovery.given import calibrate_with
+from pa10cal.discovery.given import calibrate_with_effects
 from pa10cal.discovery.linear import at_unknowns, moved_base, residual
 from pa10cal.discovery.noise import unweighted
 from pa10cal.options import Tolerances
@@ -116,7 +116,7 @@ def test_tilts_that_a_missing_effect_hid_are_back_where_a_fit_with_it_shows_them
     fit = refit(hidden.survey, (DISK,), (np.zeros(2),), weights)
     tilted = with_tilts_shown(hidden.survey, fit)
     assert {each.name for each in tilted.model.parameters} == before | tilts
-    both = calibrate_with(hidden.readings, hidden.baseline, hidden.setup, (DISK,))
+    both = calibrate_with_effects(hidden.readings, hidden.baseline, hidden.setup, (DISK,))
     assert tilts < {each.name for each in both.model.model.parameters}
     left = residual(both.model, both.poses)
     assert np.std(left[:, :3]) == pytest.approx(2e-5, rel=0.1)

@@ -9,7 +9,7 @@ import pytest
 from made_up_arm import Missing, harmonic, measure
 from made_up_poses import at_rest
 from pa10cal.discovery.evidence.judge import floor_mm
-from pa10cal.discovery.next_poses import unresolved
+from pa10cal.discovery.next_poses import unresolved_pairs
 from pa10cal.errors import CalibrationError, DiscoveryError
 from pa10cal.terms.effects import effect
 from pa10cal.terms.effects.joint import JointHarmonic
@@ -103,7 +103,7 @@ def test_what_these_poses_cannot_tell_apart_is_ambiguous(soft_wrist):
     pair = {("joint_compliance", "joint 4"), ("link_torsion", "forearm")}
     assert {name(finding.effect), *map(name, finding.alternatives)} == pair
     assert [set(map(name, group)) for group in found.indistinguishable] == [pair]
-    (first, *_) = unresolved(found.effects, found.not_testable)
+    (first, *_) = unresolved_pairs(found.effects, found.not_testable)
     assert {name(first[0]), name(first[1])} == pair
     # Either of them closes the gap.
     assert found.holdout.after.mean_mm < 1.3 * found.noise_floor_mm
@@ -114,7 +114,7 @@ def test_what_cannot_be_told_at_all_is_listed_with_the_reason(null):
     refused = {name(entry.effect): entry for entry in found.not_testable}
     assert refused["thermal_growth", "arm"].why == "what it depends on was not logged"
     assert not refused.keys() & set(map(name, found.scorer.judgement.found.family))
-    asked = unresolved(found.effects, found.not_testable)
+    asked = unresolved_pairs(found.effects, found.not_testable)
     assert all(rival is None for _, rival in asked)
     # Other poses do not log a temperature.
     assert ("thermal_growth", "arm") not in [name(effect) for effect, _ in asked]

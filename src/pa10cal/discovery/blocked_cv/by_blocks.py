@@ -31,14 +31,18 @@ from pa10cal.discovery.blocked_cv.survey import Survey
 from pa10cal.discovery.finding import Finding
 from pa10cal.discovery.gap import PairedErrors, errors_of, gap
 from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit
-from pa10cal.discovery.next_poses import poses_at_unseen_angles, separating_poses, unresolved
+from pa10cal.discovery.next_poses import (
+    poses_at_unseen_angles,
+    separating_poses,
+    unresolved_pairs,
+)
 from pa10cal.discovery.noise import AS_FOUND, Noise
 from pa10cal.discovery.nuisances import motion_unexplained, steps_in_time
 from pa10cal.discovery.other_numbers import NEXT_POSES
 from pa10cal.discovery.pose_scatter import PoseDeviations, scatter_of, share_inside
-from pa10cal.discovery.predicted_rows import without_repeats
 from pa10cal.discovery.preparation import Prepared, complete
 from pa10cal.discovery.rules import BLOCKS, NAMES, PROBABILITIES
+from pa10cal.discovery.separation import without_repeats
 from pa10cal.discovery.short_forms import FormComparison
 from pa10cal.discovery.together import Together
 from pa10cal.discovery.verdict import Plan, Scorer, Verdict, with_findings
@@ -204,7 +208,7 @@ class ByBlocks(Scorer):
     @override
     def next_poses(self, found: Verdict[ByBlocks], count: int, random_seed: int) -> Plan:
         # Poses that separate ambiguous effects come first, then joint angles not visited.
-        rivals, separations = unresolved(found.effects), None
+        rivals, separations = unresolved_pairs(found.effects), None
         few = len(self.extended.at.x) <= NEXT_POSES.most_parameters
         if rivals and few and not self.survey.poses.measured.campaigns:
             # Rivals such as tilting axes may need bends that the model does not have.

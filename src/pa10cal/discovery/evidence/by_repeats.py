@@ -34,7 +34,7 @@ from pa10cal.discovery.gross_errors import moved_between_repeats
 from pa10cal.discovery.in_time import in_time_of
 from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit, pure_error_test
 from pa10cal.discovery.linear import WhitenedPoses, by_every_joint, residual
-from pa10cal.discovery.next_poses import separating_poses, unresolved
+from pa10cal.discovery.next_poses import separating_poses, unresolved_pairs
 from pa10cal.discovery.noise import same_circumstances, whitener_of
 from pa10cal.discovery.nuisances import NO_MOTION, motion_unexplained, steps_in_time
 from pa10cal.discovery.other_numbers import COMPUTING
@@ -180,9 +180,10 @@ class ByRepeats(Scorer):
         # None for a group, as it is not known which of its instruments would measure.
         if self.problem.readings.measured.campaigns:
             return Plan((), ())
-        fitted, rivals = self.judgement.found.fit, unresolved(found.effects, found.not_testable)
+        pairs = unresolved_pairs(found.effects, found.not_testable)
+        fitted = self.judgement.found.fit
         try:
-            return separating_poses(self.problem, fitted, rivals, count, random_seed)
+            return separating_poses(self.problem, fitted, pairs, count, random_seed)
         except DiscoveryError:  # torques cannot be predicted, for lack of masses
             return Plan((), ())
 
