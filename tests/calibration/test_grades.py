@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import pa10cal
 from calibrated import calibrated
@@ -219,3 +221,11 @@ def test_a_model_takes_its_grade_along(campaign, tmp_path):
     assert again.fitted_to.health == model.fitted_to.health
     assert f"{model.grade}: {model.fitted_to.health}" in again._repr_html_()
     assert again.nominal().grade == model.grade
+
+
+def test_the_largest_turn_is_that_between_any_two_poses():
+    T = np.tile(np.eye(4), (800, 1, 1))
+    angles_rad = np.concatenate([[0.0], np.linspace(-0.08, 0.08, 799)])
+    T[:, :3, :3] = Rotation.from_rotvec(np.outer(angles_rad, [0.0, 0.6, 0.8])).as_matrix()
+    model = SimpleNamespace(nominal=lambda: SimpleNamespace(as_read=lambda _: T))
+    assert case._turned_rad(model, None) == pytest.approx(0.16)

@@ -63,7 +63,7 @@ class GradeEvidence:
     # the same as `train_rms_mm` of the nominal arm, base and targets fitted; None where not known
     nominal_mm: float | None = None
     arm: Arm | None = None  # as described; None where that is not known
-    # largest turn of the end-effector from its first pose [rad]; None where not known
+    # largest turn of the end-effector between two poses [rad]; None where not known
     turned_rad: float | None = None
 
     @cached_property

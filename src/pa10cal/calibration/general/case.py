@@ -25,7 +25,7 @@ from pa10cal.calibration.general.per_campaign import contradictions, per_campaig
 from pa10cal.calibration.grade_evidence import GradeEvidence
 from pa10cal.calibration.health import RIGID, health
 from pa10cal.calibration.load_case import LoadCase, base_parameters, case_keys, fit_keys
-from pa10cal.calibration.rules import GRADES, RECORDS
+from pa10cal.calibration.rules import GRADES, GROUPS, RECORDS
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.discrepancy import by_uncertain_joints_mm, discrepancy_of, lacking_mm
 from pa10cal.fit.fitted import FittedTo
@@ -313,10 +313,11 @@ def as_load(
 
 
 def _turned_rad(model: FittedModel, poses: Observations) -> float:
-    """Return the largest turn of the end-effector from its first pose [rad]."""
-    R = model.nominal().as_read(poses)[:, :3, :3]
-    cosine = 0.5 * (np.einsum("ij,pij->p", R[0], R) - 1.0)
-    return float(np.arccos(np.clip(cosine, -1.0, 1.0)).max())
+    """Return the largest turn of the end-effector between two poses [rad]."""
+    R = model.nominal().as_read(poses)[:, :3, :3].reshape(-1, 9)
+    batches = np.split(R, range(GROUPS.at_once, len(R), GROUPS.at_once))
+    least_trace = min(float((some @ R.T).min()) for some in batches)
+    return float(np.arccos(np.clip(0.5 * (least_trace - 1.0), -1.0, 1.0)))
 
 
 def _general_fit_keys(
