@@ -316,8 +316,9 @@ def _turned_rad(model: FittedModel, poses: Observations) -> float:
     """Return the largest turn of the end-effector between two poses [rad]."""
     R = model.nominal().as_read(poses)[:, :3, :3]
     batches = np.split(R, range(GROUPS.at_once, len(R), GROUPS.at_once))
-    least_traces = (float(np.tensordot(some, R, ((1, 2), (1, 2))).min()) for some in batches)
-    return float(np.arccos(np.clip(0.5 * (min(least_traces) - 1.0), -1.0, 1.0)))
+    traces = (float(np.tensordot(some, R, ((1, 2), (1, 2))).min()) for some in batches)
+    cosine = 0.5 * (min(traces) - 1.0)
+    return float(np.arccos(np.clip(cosine, -1.0, 1.0)))
 
 
 def _general_fit_keys(
