@@ -51,6 +51,11 @@ def test_what_is_as_good_and_has_no_score_is_as_likely():
     assert said.of(GEAR) == pytest.approx(said.of(BACKLASH))
 
 
+def test_an_alternative_takes_the_place_of_an_effect_where_nothing_has_a_score():
+    other = finding(alternatives=(GEAR,)).about(GEAR)
+    assert other.explanations.of(BACKLASH) == pytest.approx(other.explanations.of(GEAR))
+
+
 def test_a_finding_in_whose_place_another_fits_better_is_the_less_likely():
     said = finding(Rival(GEAR, np.array([np.log(9.0)]))).explanations
     assert said.named[0] == (GEAR, pytest.approx(0.9 * SURE))

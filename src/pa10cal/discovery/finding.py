@@ -259,7 +259,7 @@ class Finding(Generic[P]):
         for effect in (*self.alternatives, self.effect):
             known.setdefault(name_of(effect).name, Rival(effect, np.zeros(1)))
         chosen = known.pop(name_of(other).name)
-        blocks = max(len(rival.nats) for rival in self.rivals)
+        blocks = max((len(rival.nats) for rival in self.rivals), default=1)
         nats = chosen.by_block(blocks)
         rivals = tuple(
             Rival(rival.effect, rival.by_block(blocks) - nats, rival.weight / chosen.weight)
