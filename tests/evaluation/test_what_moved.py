@@ -77,6 +77,20 @@ def test_the_zero_of_one_joint_moved(pair, joint, place):
     assert found.chance < 1e-6
 
 
+@pytest.mark.slow_but_one_in(3)
+@pytest.mark.parametrize(
+    "zeros", [((2, 3e-4), (5, -8e-4)), ((2, 8e-4), (3, 8e-4)), ((2, 3e-4), (3, 3e-4), (4, 4e-4))]
+)
+def test_zeros_of_several_joints_moved(pair, zeros):
+    found = what_moved(*pair(Change(zero_rad=zeros)))
+    assert found.verdict == "joint_zero_moved"
+    assert found.factor == 1.0
+    moved = {each.of: each for each in found.moved}
+    assert set(moved) == {f"joint {joint}" for joint, _ in zeros}
+    for joint, by in zeros:
+        assert abs(moved[f"joint {joint}"].by - by) < 4 * moved[f"joint {joint}"].std
+
+
 def test_a_stiffness_changed(pair):
     found = what_moved(*pair(Change(True, softer=((2, 0.7),))))
     assert found.verdict == "stiffness_changed"

@@ -122,34 +122,65 @@ def hypotheses(
     return (*possible, Hypothesis(MODEL_ERROR, "arm", at, directions, _OF_FACTORS))
 
 
-def sought(
-    disagreed: Gaussian,
-    possible: Sequence[Hypothesis],
-    before: Sequence[MovedPart] = (),
-) -> tuple[MovedPart, ...]:
-    """Return what moved: again and again the hypothesis of the largest gain in log evidence.
+def sought(disagreed: Gaussian, possible: Sequence[Hypothesis]) -> tuple[MovedPart, ...]:
+    """Return what moved: the set of hypotheses of the largest log evidence, less what each costs.
 
-    The gain must exceed the logarithm of the number of hypotheses over the allowed rate of false
-    names.
+    Each costs the logarithm of the number of hypotheses over the allowed rate of false names. The
+    error of the model explains two parts that moved better than either of them alone, and hides
+    both once it is accepted: sets are sought without it, from it, and with it after the parts.
 
     Args:
         disagreed: disagreement of readings, or of another fit, with the prior; see
             `fit.problem.disagreement`.
-        before: what was accepted already; only the model's error is sought again.
     """
-    accepted = {part.name for part in before if part.what.kind != MODEL_ERROR}
-    candidates = [each for each in possible if (each.kind, each.of) not in accepted]
-    least_gain = float(np.log(len(possible) / MOVED.error_rate))
-    parts: list[MovedPart] = []
-    while candidates:
-        gains = [gain_along(disagreed, each.directions, each.sizes) for each in candidates]
-        best = int(np.argmax([gain for gain, _ in gains]))
-        gain, size = gains[best]
-        if gain < least_gain:
-            break
-        parts.append(MovedPart(candidates.pop(best), size, gain))
-        disagreed = remaining_disagreement(disagreed, parts[-1].directions)
-    return tuple(parts)
+    cost = float(np.log(len(possible) / MOVED.error_rate))
+    parts = _stepwise(disagreed, [each for each in possible if each.kind != MODEL_ERROR], (), cost)
+    sets = [parts]
+    for error in (each for each in possible if each.kind == MODEL_ERROR):
+        sets.append(_stepwise(disagreed, possible, (error,), cost))
+        sets.append(_stepwise(disagreed, possible, (*(part.what for part in parts), error), cost))
+    return max(sets, key=lambda each: _evidence(disagreed, each) - cost * len(each))
+
+
+def _stepwise(
+    disagreed: Gaussian, possible: Sequence[Hypothesis], start: Sequence[Hypothesis], cost: float
+) -> tuple[MovedPart, ...]:
+    """Return a set, from a start, that no exchange, removal or addition of one part improves."""
+    parts = [MovedPart(each, each.sizes[-1], 0.0) for each in start]
+    while True:
+        before = {(part.name, part.size) for part in parts}
+        for part in tuple(parts):
+            parts.remove(part)
+            parts += _largest_gain(disagreed, possible, parts, cost)
+        parts += _largest_gain(disagreed, possible, parts, cost)
+        if {(part.name, part.size) for part in parts} == before:
+            return tuple(sorted(parts, key=lambda part: -part.gain))
+
+
+def _largest_gain(
+    disagreed: Gaussian, possible: Sequence[Hypothesis], parts: Sequence[MovedPart], cost: float
+) -> list[MovedPart]:
+    """Return the hypothesis that gains most beside the parts; none where it costs more."""
+    names = {part.name for part in parts}
+    candidates = [each for each in possible if (each.kind, each.of) not in names]
+    if not candidates:
+        return []
+    for part in parts:
+        disagreed = remaining_disagreement(disagreed, part.directions)
+    gains = [gain_along(disagreed, each.directions, each.sizes) for each in candidates]
+    best = int(np.argmax([gain for gain, _ in gains]))
+    gain, size = gains[best]
+    return [MovedPart(candidates[best], size, gain)] if gain >= cost else []
+
+
+def _evidence(disagreed: Gaussian, parts: Sequence[MovedPart]) -> float:
+    """Return the gain in log evidence of a set, one part after the other."""
+    gained = 0.0
+    for part in parts:
+        gained += gain_along(disagreed, part.what.directions, (part.size,))[0]
+        gained -= float(np.log(len(part.what.sizes)))
+        disagreed = remaining_disagreement(disagreed, part.directions)
+    return gained
 
 
 @dataclass(frozen=True, eq=False)

@@ -262,6 +262,10 @@ class GaussianPrior:
         inverse: Array = cho_solve(cho_factor(unit), np.eye(len(size))) / np.outer(size, size)
         return 0.5 * (inverse + inverse.T)
 
+    def marginal(self, chosen: Mask) -> GaussianPrior:
+        """Return the distribution of some of the unknowns, chosen by a mask (k,)."""
+        return GaussianPrior(self.mean[chosen], self.covariance[np.ix_(chosen, chosen)])
+
     def widened(self, directions: Array) -> GaussianPrior:
         """Return the prior with the covariance D D^T of r directions D (k, r) added."""
         return replace(self, covariance=self.covariance + directions @ directions.T)

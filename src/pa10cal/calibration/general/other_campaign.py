@@ -46,6 +46,7 @@ from pa10cal.fit.moved import (
 )
 from pa10cal.fit.problem import GaussianPrior, Problem, disagreement
 from pa10cal.fit.uncertain_weights import unknown_tool, weight_sizes
+from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Start
 from pa10cal.results.calibration import Moved, PriorPart
@@ -318,7 +319,7 @@ def _released(
             at = problem, found.x, np.sqrt(found.weights), prior.expected
             parts = smallest_set(Misfit.of_poses(*at, prior.model.discrepancy), possible)
         else:
-            parts = (*before, *_more(found, expected, possible, before))
+            parts = sought(_disagreement(found, expected, prior.expected), possible)
         if [each.name for each in parts] == [each.name for each in before]:
             return _Released(before, expected, found)
         expected = prior.expected
@@ -328,16 +329,22 @@ def _released(
     return _Released(parts, expected, found)
 
 
-def _more(
-    found: GeneralSolution,
-    expected: GaussianPrior,
-    possible: Sequence[Hypothesis],
-    released: Sequence[MovedPart],
-) -> tuple[MovedPart, ...]:
-    """Return what moved besides the released parts, as the disagreement with the prior shows."""
-    k = len(expected.mean)
-    covariance = found.covariance[:k, :k] / found.widening**2
-    return sought(disagreement(expected, found.x[:k], covariance), possible, released)
+def _disagreement(
+    found: GeneralSolution, expected: GaussianPrior, prior: GaussianPrior
+) -> Gaussian:
+    """Return the disagreement of the readings with a prior, by a fit under a wider one of its mean.
+
+    The precision of the readings is that of the fit without its prior's. Parameters that the fit
+    held at a bound show nothing.
+    """
+    k = len(prior.mean)
+    of_fit = GaussianPrior(found.x[:k], found.covariance[:k, :k] / found.widening**2)
+    free = np.diag(of_fit.covariance) > 0.0
+    of_fit, expected, prior = (each.marginal(free) for each in (of_fit, expected, prior))
+    of_readings = of_fit.precision - expected.precision
+    covariance: Array = np.linalg.inv(prior.precision + of_readings)
+    x = prior.mean + covariance @ of_fit.precision @ (of_fit.mean - prior.mean)
+    return disagreement(prior, x, covariance).in_terms_of(np.eye(k)[free])
 
 
 def _residual_m(found: GeneralSolution, observations: Observations) -> tuple[float, float]:
