@@ -342,7 +342,7 @@ def _disagreement(
     free = np.diag(of_fit.covariance) > 0.0
     of_fit, expected, prior = (each.marginal(free) for each in (of_fit, expected, prior))
     of_readings = of_fit.precision - expected.precision
-    covariance: Array = np.linalg.inv(prior.precision + of_readings)
+    covariance = np.linalg.inv(prior.precision + of_readings).astype(float)
     x = prior.mean + covariance @ of_fit.precision @ (of_fit.mean - prior.mean)
     return disagreement(prior, x, covariance).in_terms_of(np.eye(k)[free])
 
