@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from mended import write_simulated
-from pa10cal.discovery import other_numbers
+from pa10cal.discovery import tuning
 from pa10cal.discovery.field import by_joint, field_of, with_field
 from pa10cal.discovery.nameless import with_terms
 from pa10cal.fit.discrepancy import discrepancy_of
@@ -78,7 +78,7 @@ def test_an_error_that_jumps_is_left_to_a_rough_displacement(measured, monkeypat
     fitted, away = (moved(model, each, 2e-4, seed=2, rough=True) for each in (fitted, away))
     found = field_of(model, fitted)
     assert [term.kernel for term in found.terms] == ["exponential"]
-    never = replace(other_numbers.FIELD, rough_length=1e-6)  # poses say nothing of each other
+    never = replace(tuning.FIELD, rough_length=1e-6)  # poses say nothing of each other
     monkeypatch.setattr("pa10cal.discovery.field.FIELD", never)
     smooth = field_of(model, fitted)
     assert [term.kernel for term in smooth.terms] == ["squared exponential"]

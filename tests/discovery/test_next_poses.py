@@ -24,10 +24,10 @@ from pa10cal.discovery.next_poses import (
     separating_poses,
     unresolved_pairs,
 )
-from pa10cal.discovery.other_numbers import NEXT_POSES
 from pa10cal.discovery.preparation import setup_of
 from pa10cal.discovery.rules import EVIDENCE, PROBABILITIES
 from pa10cal.discovery.separation import predicted
+from pa10cal.discovery.tuning import NEXT_POSES
 from pa10cal.errors import DiscoveryError
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.validity import AngleCoverage, angles_seen

@@ -22,7 +22,7 @@ from pa10cal.arm.chain import BASE
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index
 from pa10cal.discovery.nameless import Beside, all_at_once, beside, with_terms
-from pa10cal.discovery.other_numbers import FIELD
+from pa10cal.discovery.tuning import FIELD
 from pa10cal.fit.discrepancy import RowsAboutFit, clusters_of, levers_m, places_of
 from pa10cal.fit.fitted import Fitted
 from pa10cal.fit.forward import Forward

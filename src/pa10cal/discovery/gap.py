@@ -14,8 +14,8 @@ from pa10cal.arrays import Array, Mask, take_rows
 from pa10cal.calibration.accuracy import summarise
 from pa10cal.discovery.finding import Finding, name_of
 from pa10cal.discovery.linear import rms
-from pa10cal.discovery.other_numbers import FIELD
 from pa10cal.discovery.rules import JUDGING
+from pa10cal.discovery.tuning import FIELD
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.validity import AngleCoverage
 from pa10cal.observe.observations import Observations

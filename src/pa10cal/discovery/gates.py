@@ -22,9 +22,9 @@ from pa10cal.discovery.field import with_field
 from pa10cal.discovery.finding import Finding, Rival, name_of
 from pa10cal.discovery.linear import mean_error_of_noise_mm
 from pa10cal.discovery.no_harm import harmed, harmless
-from pa10cal.discovery.other_numbers import COMPUTING
 from pa10cal.discovery.preparation import Prepared
 from pa10cal.discovery.rules import NAMES, PROBABILITIES
+from pa10cal.discovery.tuning import COMPUTING
 from pa10cal.discovery.verdict import (
     Scorer,
     Verdict,

@@ -28,9 +28,9 @@ from pa10cal.discovery.nuisances import (
     motions_along,
     sizes_of_motions,
 )
-from pa10cal.discovery.other_numbers import none_and_spaced
 from pa10cal.discovery.preparation import why_unknown
 from pa10cal.discovery.rules import CANDIDATES, MOTION
+from pa10cal.discovery.tuning import none_and_spaced
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.observations import Observations

@@ -14,8 +14,8 @@ import numpy as np
 
 from pa10cal.arrays import Array, Mask, take_rows
 from pa10cal.discovery.linear import WhitenedPoses, by_every_joint
-from pa10cal.discovery.other_numbers import COMPUTING
 from pa10cal.discovery.rules import RIPPLE
+from pa10cal.discovery.tuning import COMPUTING
 from pa10cal.results.maps import Agreement
 from pa10cal.terms.effects.joint_error_map import is_error_map
 

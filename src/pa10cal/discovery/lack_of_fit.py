@@ -15,7 +15,7 @@ from scipy.special import fdtrc
 from pa10cal.arrays import Array
 from pa10cal.discovery import linear
 from pa10cal.discovery.noise import whitener_of
-from pa10cal.discovery.other_numbers import COMPUTING, PLACES
+from pa10cal.discovery.tuning import COMPUTING, PLACES
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
 from pa10cal.results import analysis as records

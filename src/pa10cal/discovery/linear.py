@@ -14,7 +14,7 @@ import numpy as np
 from pa10cal.arm.chain import BASE, end_pose_with_screws
 from pa10cal.arrays import Array, Index, Mask, drawn
 from pa10cal.calibration.general.unknowns import ChosenUnknowns, choose_unknowns
-from pa10cal.discovery.other_numbers import COMPUTING
+from pa10cal.discovery.tuning import COMPUTING
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.problem import possible_sizes
 from pa10cal.numerics.gaussian import Gaussian

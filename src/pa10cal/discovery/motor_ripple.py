@@ -24,8 +24,8 @@ from scipy.special import bdtrc
 
 from pa10cal.arrays import Array
 from pa10cal.discovery.joint_series import JointSeries
-from pa10cal.discovery.other_numbers import COMPUTING
 from pa10cal.discovery.rules import RIPPLE
+from pa10cal.discovery.tuning import COMPUTING
 from pa10cal.results.maps import MotorRipple
 
 _ALPHAS = np.linspace(*RIPPLE.share_grid)

@@ -19,8 +19,8 @@ from pa10cal.arm.chain import Chain
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index
 from pa10cal.discovery.linear import base_shown
-from pa10cal.discovery.other_numbers import FIELD
 from pa10cal.discovery.preparation import computable
+from pa10cal.discovery.tuning import FIELD
 from pa10cal.fit.discrepancy import RowsAboutFit
 from pa10cal.fit.fitted import Fitted
 from pa10cal.fit.problem import possible_sizes

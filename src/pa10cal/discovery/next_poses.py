@@ -21,9 +21,9 @@ from pa10cal.discovery.blocked_cv.survey import Survey
 from pa10cal.discovery.evidence.fit import EvidenceFit
 from pa10cal.discovery.evidence.problem import EvidenceProblem
 from pa10cal.discovery.finding import Finding, Untestable
-from pa10cal.discovery.other_numbers import NEXT_POSES
 from pa10cal.discovery.preparation import targets_m
 from pa10cal.discovery.separation import predicted, separation_criteria
+from pa10cal.discovery.tuning import NEXT_POSES
 from pa10cal.discovery.verdict import Plan, label_of
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.validity import AngleCoverage

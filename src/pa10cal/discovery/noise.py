@@ -21,8 +21,8 @@ from scipy.special import chdtri
 from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Array, Index, Mask
 from pa10cal.discovery.linear import by_every_joint
-from pa10cal.discovery.other_numbers import COMPUTING
 from pa10cal.discovery.rules import NOISE
+from pa10cal.discovery.tuning import COMPUTING
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import statics_of

@@ -17,8 +17,8 @@ from scipy.optimize import minimize
 from pa10cal.arrays import Array
 from pa10cal.discovery.linear import by_joints, position_m
 from pa10cal.discovery.noise import PoseWeights, whitener_of
-from pa10cal.discovery.other_numbers import COMPUTING
 from pa10cal.discovery.rules import NOISE
+from pa10cal.discovery.tuning import COMPUTING
 from pa10cal.fit.fitted import TOOL_FRAME
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.forward import Forward

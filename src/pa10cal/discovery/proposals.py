@@ -9,9 +9,9 @@ from typing import TypeVar
 
 from pa10cal.discovery.gates import fitted_instead
 from pa10cal.discovery.no_harm import harmless
-from pa10cal.discovery.other_numbers import FORMS
 from pa10cal.discovery.rules import CANDIDATES
 from pa10cal.discovery.short_forms import FormulaProposal, choose
+from pa10cal.discovery.tuning import FORMS
 from pa10cal.discovery.verdict import Scorer, Verdict
 from pa10cal.terms.effects.effect import Effect, joint_of, turning_joints
 from pa10cal.terms.effects.joint import PeriodicError

@@ -17,7 +17,7 @@ from pydantic import JsonValue
 from pydantic_core import to_jsonable_python
 from scipy.special import ndtri
 
-from pa10cal.discovery.other_numbers import COMPUTING, FIELD, FORMS, NEXT_POSES, PLACES
+from pa10cal.discovery.tuning import COMPUTING, FIELD, FORMS, NEXT_POSES, PLACES
 from pa10cal.results.record import SURE
 
 if TYPE_CHECKING:

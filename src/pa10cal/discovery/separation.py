@@ -23,9 +23,9 @@ from pa10cal.discovery.evidence.problem import EvidenceProblem, pose_noise_model
 from pa10cal.discovery.linear import ModelWithEffects, by_every_joint
 from pa10cal.discovery.noise import Noise, same_circumstances, whitener_of
 from pa10cal.discovery.nuisances import TimeFindings
-from pa10cal.discovery.other_numbers import NEXT_POSES
 from pa10cal.discovery.preparation import complete
 from pa10cal.discovery.rules import EVIDENCE
+from pa10cal.discovery.tuning import NEXT_POSES
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import statics_of, with_torques

@@ -17,7 +17,7 @@ from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index
 from pa10cal.discovery.finding import effect_parameters, name_of
 from pa10cal.discovery.linear import standard_error
-from pa10cal.discovery.other_numbers import FORMS
+from pa10cal.discovery.tuning import FORMS
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.results.discovery import ProposedEvidence, ProposedFormula
 from pa10cal.terms.effects.effect import Effect

@@ -40,11 +40,11 @@ from pa10cal.discovery.gap import (
     trusted,
 )
 from pa10cal.discovery.linear import ModelWithEffects, rms
-from pa10cal.discovery.other_numbers import PLACES
 from pa10cal.discovery.pose_scatter import PoseDeviations
 from pa10cal.discovery.preparation import Prepared
 from pa10cal.discovery.rules import PROBABILITIES
 from pa10cal.discovery.short_forms import FormComparison, FormulaProposal
+from pa10cal.discovery.tuning import PLACES
 from pa10cal.fit.discrepancy import discrepancy_of
 from pa10cal.fit.fitted import FallBack, FittedTo, Otherwise
 from pa10cal.fit.fitted_model import FittedModel

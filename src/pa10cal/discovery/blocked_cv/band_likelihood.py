@@ -16,8 +16,8 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from pa10cal.arrays import Array
-from pa10cal.discovery.other_numbers import COMPUTING
 from pa10cal.discovery.rules import MAPS
+from pa10cal.discovery.tuning import COMPUTING
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.terms.effects.joint_error_map import TYPICAL, BandPrior
 

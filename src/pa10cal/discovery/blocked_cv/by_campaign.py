@@ -18,8 +18,8 @@ from pa10cal.arrays import Array, Mask
 from pa10cal.discovery import linear
 from pa10cal.discovery.blocked_cv.refit import Refit, one_step
 from pa10cal.discovery.blocked_cv.survey import Survey
-from pa10cal.discovery.other_numbers import COMPUTING
 from pa10cal.discovery.rules import MAPS
+from pa10cal.discovery.tuning import COMPUTING
 from pa10cal.numerics.periodic_spline import b_splines, b_splines_by_knots
 from pa10cal.results import calibration as records
 from pa10cal.results.record import HALF_WIDTH_95

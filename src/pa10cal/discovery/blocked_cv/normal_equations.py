@@ -17,8 +17,8 @@ from scipy.linalg import LinAlgError, cho_factor, cho_solve
 from scipy.sparse import csr_array
 
 from pa10cal.arrays import Array
-from pa10cal.discovery.other_numbers import COMPUTING
 from pa10cal.discovery.rules import BLOCKS
+from pa10cal.discovery.tuning import COMPUTING
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.numerics.periodic_spline import b_splines
 

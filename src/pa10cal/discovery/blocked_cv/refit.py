@@ -24,8 +24,8 @@ from pa10cal.discovery.blocked_cv.normal_equations import (
 )
 from pa10cal.discovery.blocked_cv.survey import Survey
 from pa10cal.discovery.noise import AS_FOUND, PoseWeights, Widening, pose_weights
-from pa10cal.discovery.other_numbers import COMPUTING
 from pa10cal.discovery.rules import BLOCKS
+from pa10cal.discovery.tuning import COMPUTING
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.problem import possible_sizes
 from pa10cal.numerics.least_squares import Bounds, Equations, Step, minimise

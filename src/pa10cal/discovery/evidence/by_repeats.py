@@ -37,9 +37,9 @@ from pa10cal.discovery.linear import WhitenedPoses, by_every_joint, residual
 from pa10cal.discovery.next_poses import separating_poses, unresolved_pairs
 from pa10cal.discovery.noise import same_circumstances, whitener_of
 from pa10cal.discovery.nuisances import NO_MOTION, motion_unexplained, steps_in_time
-from pa10cal.discovery.other_numbers import COMPUTING
 from pa10cal.discovery.rules import EVIDENCE, LINES
 from pa10cal.discovery.short_forms import FormComparison
+from pa10cal.discovery.tuning import COMPUTING
 from pa10cal.discovery.verdict import Plan, Scorer, Verdict
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.fitted_model import FittedModel

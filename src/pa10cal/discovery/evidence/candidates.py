@@ -17,9 +17,9 @@ from pa10cal.discovery.evidence.likelihood import CandidateRows, LinearisedCandi
 from pa10cal.discovery.evidence.problem import EvidenceProblem
 from pa10cal.discovery.finding import Untestable
 from pa10cal.discovery.linear import by_distortion, by_end, by_targets
-from pa10cal.discovery.other_numbers import COMPUTING
 from pa10cal.discovery.preparation import computable, why_hidden
 from pa10cal.discovery.rules import EVIDENCE
+from pa10cal.discovery.tuning import COMPUTING
 from pa10cal.fit.problem import possible_sizes
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.term import shows_torque

@@ -10,8 +10,8 @@ from pa10cal.arrays import Array
 from pa10cal.discovery import linear
 from pa10cal.discovery.evidence.noise_model import SharedVariances
 from pa10cal.discovery.evidence.problem import EvidenceProblem
-from pa10cal.discovery.other_numbers import COMPUTING
 from pa10cal.discovery.rules import EVIDENCE
+from pa10cal.discovery.tuning import COMPUTING
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.problem import possible_sizes
 from pa10cal.numerics.least_squares import Equations, minimise

@@ -20,8 +20,8 @@ from scipy.interpolate import CubicSpline
 
 from pa10cal.arrays import Array, Index
 from pa10cal.discovery.evidence.noise_model import NoiseModel, SharedVariances
-from pa10cal.discovery.other_numbers import COMPUTING, none_and_spaced
 from pa10cal.discovery.rules import EVIDENCE
+from pa10cal.discovery.tuning import COMPUTING, none_and_spaced
 from pa10cal.numerics.gaussian import Gaussian, Gaussians
 
 #: A set of candidates: the number of each in the family, and the index of its size.

@@ -1,6 +1,6 @@
-"""Numbers of discovery that no verdict hangs on: fields, formulas, what to measure next, fits.
+"""Tuning constants of discovery, on which no verdict depends: fields, formulas, poses, fits.
 
-Those on which it does stand in `discovery/rules.py`; one page of the documentation has them all.
+Numbers on which a verdict does depend are in `discovery/rules.py`; `docs/discovery.md` has all.
 """
 
 from __future__ import annotations
