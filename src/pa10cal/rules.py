@@ -244,6 +244,11 @@ class Lack:
     least_lever_share: float = 0.1
     # along a line of sight one of so many components is measured (statistics)
     components: float = 3.0
+    # growth of links that no fit has seen: rms of 12 (steel) to 23 ppm/K (aluminium) [1/K] (size)
+    growth_per_K: float = 18e-6
+    # within so many standard deviations of its temperatures a fit has seen what they do
+    # (statistics)
+    usual_temperatures: float = 2.0
 
 
 @dataclass(frozen=True)

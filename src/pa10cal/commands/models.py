@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from pa10cal.arm.description import Arm
     from pa10cal.arrays import Array
     from pa10cal.campaign.pose_lists import JointList, TargetList
-    from pa10cal.fit.fitted import Compensation
+    from pa10cal.fit.fitted import Compensation, Fitted
     from pa10cal.fit.fitted_model import FittedModel
     from pa10cal.results.comparison import ComparisonRecord
 
@@ -98,12 +98,17 @@ def conditions_of(
 
 
 def assumptions(model: FittedModel, conditions: PoseConditions) -> Iterator[str]:
-    """Yield what is assumed where a model depends on a condition that some rows do not state."""
+    """Yield what is assumed where rows do not state a condition, or no effect depends on it."""
     import numpy as np
 
     from pa10cal.fit.fitted import predicting_model
 
     used = predicting_model(model)
+    depends_on = {term.depends_on for term in used.model.terms}
+    if np.isfinite(conditions.time_s).any() and "time_s" not in depends_on:
+        yield "time_s is not used: no effect of the model depends on time"
+    if np.isfinite(conditions.temperature_C).any() and "temperature_C" not in depends_on:
+        yield _unused_temperatures(used, conditions.temperature_C)
     for term in used.model.terms:
         if term.depends_on is None:
             continue
@@ -121,6 +126,27 @@ def assumptions(model: FittedModel, conditions: PoseConditions) -> Iterator[str]
             if fit.temperature_std_C:
                 assumed += f"; u_mm holds its {fit.temperature_std_C:.1f} K of spread"
         yield f"{term.id} needs {term.depends_on}, which {missing} rows do not give: {assumed}"
+
+
+def _unused_temperatures(model: Fitted, temperature_C: Array) -> str:
+    """Return what becomes of temperatures (N,) [°C] on which no effect of a model depends."""
+    import numpy as np
+
+    from pa10cal.rules import LACK
+
+    line = "temperature_C moves no pose: no effect of the model depends on temperature"
+    fit = model.fitted_to
+    if fit is None or fit.temperature_C is None:
+        return f"{line}, and that of the fit is not known"
+    away_K = np.abs(temperature_C - fit.temperature_C)
+    unlike = away_K > LACK.usual_temperatures * (fit.temperature_std_C or 0.0)
+    if not unlike.any():
+        return line
+    return (
+        f"{line}; {np.count_nonzero(unlike)} rows are up to {np.nanmax(away_K):.1f} K from the mean"
+        f" of the fit, {fit.temperature_C:.1f} °C: u_mm holds a growth of links by "
+        f"{1e6 * LACK.growth_per_K:.0f} ppm/K"
+    )
 
 
 def warn_of(command: str, path: Path, contradictions: Iterable[str]) -> None:

@@ -15,6 +15,7 @@ from pa10cal.fit.fitted import FLANGE, TARGET, TOOL_FRAME, FallBack, Fitted, Pre
 from pa10cal.fit.loads import statics_of, with_torques
 from pa10cal.fit.uncertain_weights import with_weights_by_log
 from pa10cal.numerics.periodic_spline import MapMotion, position_covariance
+from pa10cal.rules import LACK
 from pa10cal.terms.effects.joint_error_map import is_error_map
 from pa10cal.terms.model import Model
 from pa10cal.terms.of_campaign import OF
@@ -294,6 +295,21 @@ class Forward:
         u_mm[rows] = 1e3 * 0.5 * np.linalg.norm(places_m[0] - places_m[1], axis=1)
         return u_mm
 
+    def unmodelled_growth_mm(self, given: PoseStates, T_base_frame: Array) -> Array:
+        """Return the standard uncertainty by temperatures unlike those of the fit, (N,).
+
+        Links grow, and the frame moves in proportion to its distance from the base; 0 where a term
+        of the model depends on temperature, or temperatures are not known.
+        """
+        fitted = self.whole.fitted_to
+        depends = any(term.depends_on == "temperature_C" for term in self.physical.terms)
+        if depends or fitted is None or fitted.temperature_C is None:
+            return np.zeros(len(given))
+        away_K = np.abs(np.nan_to_num(given.temperature_C - fitted.temperature_C))
+        unseen_K = away_K - LACK.usual_temperatures * (fitted.temperature_std_C or 0.0)
+        distance_mm = 1e3 * np.linalg.norm(T_base_frame[:, :3, 3], axis=1)
+        return np.asarray(LACK.growth_per_K * np.maximum(unseen_K, 0.0) * distance_mm)
+
     def uncertain_joints_mm(self, states: PoseStates) -> Array:
         """Return the standard uncertainty by that of the joint positions, (N,): as in the fit.
 
@@ -373,6 +389,7 @@ def predicted(model: Fitted, given: PoseStates, frame: str) -> Prediction:
     if model.discrepancy is not None:
         u_mm = np.hypot(u_mm, model.discrepancy.error_at_mm(q))
     u_mm = np.hypot(u_mm, forward.uncertain_joints_mm(states))
+    u_mm = np.hypot(u_mm, forward.unmodelled_growth_mm(given, T))
     if model.otherwise is not None:
         apart_m = (predicted(model.otherwise.model, given, frame).T - T)[:, :3, 3]
         apart_mm = 1e3 * np.linalg.norm(apart_m, axis=1)
