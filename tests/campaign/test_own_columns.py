@@ -289,6 +289,49 @@ def test_an_inverse_rotation_is_turned_back(tracked):
         assert_same(read_campaign(written(raw, mapped, COLUMNS | {"rotation": rotation})), expected)
 
 
+def as_inverse_poses(own, table):
+    """Return a table with the instrument in the target's frame, as a camera sees a board."""
+    inverse = Rotation.from_quat(table[QUATERNION], scalar_first=True).inv()
+    place = pd.DataFrame(-inverse.apply(table[PLACE]), columns=["X", "Y", "Z"])
+    rotation = pd.DataFrame(inverse.as_quat(scalar_first=True), columns=QUATERNION)
+    return own.drop(columns=["X", "Y", "Z"]).join(place).join(rotation)
+
+
+def test_an_inverse_pose_is_turned_back_with_its_position(tracked):
+    raw, table, expected = tracked
+    mapped = as_inverse_poses(own_table(table), table)
+    mapped["u"] = 0.02
+    position = POSITION | {"u": ["u", "u", "u"]}
+    columns = COLUMNS | {"rotation": WXYZ | {"inverse": "pose"}, "position": position}
+    found = read_campaign(written(raw, mapped, columns))
+    measured, wanted = found.observations.measured, expected.observations.measured
+    np.testing.assert_allclose(measured.places_m, wanted.places_m, atol=1e-7)
+    np.testing.assert_allclose(measured.attitudes, wanted.attitudes, atol=1e-7)
+    covariance = measured.stated_covariance[:, :3, :3]
+    np.testing.assert_allclose(covariance, np.tile(4e-10 * np.eye(3), (len(covariance), 1, 1)))
+
+
+@pytest.mark.parametrize(
+    ("stated", "remedy"),
+    [(False, "inverse: pose"), (True, "inverse: pose"), ("pose", "inverse: false")],
+)
+def test_poses_that_fit_only_as_inverse_ones_are_refused_by_name(tracked, stated, remedy):
+    raw, table, _ = tracked
+    own = own_table(table)
+    mapped = own.join(table[QUATERNION]) if stated == "pose" else as_inverse_poses(own, table)
+    columns = COLUMNS | {"rotation": WXYZ | {"inverse": stated}}
+    with pytest.raises(Pa10calError, match=rf"set columns\.poses\.rotation\.{remedy}"):
+        read_campaign(written(raw, mapped, columns))
+
+
+def test_positions_that_fit_only_with_inverse_rotations_are_refused_by_name(tracked):
+    raw, table, _ = tracked
+    mapped = own_table(table).join(as_inverse_poses(own_table(table), table)[QUATERNION])
+    columns = COLUMNS | {"rotation": WXYZ | {"inverse": "pose"}}
+    with pytest.raises(Pa10calError, match=r"set columns\.poses\.rotation\.inverse: true"):
+        read_campaign(written(raw, mapped, columns))
+
+
 def test_bad_rows_are_listed_under_the_files_own_names(tracked):
     raw, table, _ = tracked
     own = own_table(table).join(table[QUATERNION])

@@ -87,6 +87,19 @@ def test_the_convention_is_that_in_which_the_nominal_arm_agrees(
     )
 
 
+def test_poses_of_the_instrument_in_the_targets_frame_are_told_by_the_arm(tmp_path, written):
+    raw, table = tracked(tmp_path)
+    inverse = Rotation.from_quat(table[QUATERNION], scalar_first=True).inv()
+    own = table.copy()
+    own[PLACE], own[QUATERNION] = -inverse.apply(table[PLACE]), inverse.as_quat()
+    content, text, folder = written(own, "--robot", "ur10")  # under the contract's names, x y z w
+    assert "# read so: 40 rows can be used, 0 cannot" in text
+    rotation = content["columns"]["poses"]["rotation"]
+    assert (rotation["convention"], rotation["inverse"]) == ("quaternion_xyzw", "pose")
+    measured = read_campaign(folder).observations.measured
+    np.testing.assert_allclose(measured.T_instr_target, raw.T_instr_target, atol=1e-6)
+
+
 def test_units_without_a_word_are_found_by_the_arm(tmp_path, written):
     _, table = tracked(tmp_path)
     own = table.rename(columns=dict(zip(PLACE, ["px", "py", "pz"], strict=True)))

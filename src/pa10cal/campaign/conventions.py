@@ -155,6 +155,8 @@ def _of_the_contract(R: Array) -> Iterator[_Meant]:
 
 def _of_own_columns(R: Array, stated: RotationColumns, key: str) -> Iterator[_Meant]:
     """Yield what a user's own columns may be instead of what campaign.yaml states under `key`."""
+    if stated.inverse == "pose":  # positions depend on the convention and show that it is right
+        return
     words = {3: THREE, 4: FOUR}.get(len(stated.names), (stated.convention,))
     rotation, read_as = Rotation.from_matrix(R), stated.convention
     rotation = rotation.inv() if stated.inverse else rotation

@@ -166,13 +166,21 @@ class DistanceColumns(Section):
     )
 
 
+#: What an orientation is the inverse of: nothing, itself alone, or a pose with its position.
+Inverse = bool | Literal["pose"]
+
+
 class RotationColumns(Section):
     """A measured orientation, the target in the instrument's frame."""
 
     names: Names
     convention: Annotated[str, AfterValidator(_rotation)]
     unit: Literal["deg", "rad", "mrad"] = "deg"
-    inverse: bool = Field(default=False, description="the columns hold the inverse rotation")
+    inverse: Inverse = Field(
+        default=False,
+        description="the columns hold the inverse rotation; pose: and the position, too, is that "
+        "of the instrument in the target's frame",
+    )
     u: Names | None = None
 
 

@@ -47,6 +47,7 @@ from pa10cal.campaign.headerless import (
     of_the_arm,
     roles_by_arm,
 )
+from pa10cal.campaign.inverse_poses import way_of_inverse_poses
 from pa10cal.campaign.joint_positions import (
     CountScale,
     in_radians,
@@ -578,6 +579,12 @@ class _Proposing:
             tried.append((attitude_scatter(R_ee, R), chosen))
         # Of equal scatters the first, which is the commonest convention.
         scatter_rad, chosen = min(tried, key=lambda way: round(way[0], 3))
+        if scatter_rad > AGREES_RAD and T_base_ee is not None:
+            ways = [chosen | {"inverse": "pose"} for _, chosen in tried[: len(words)]]
+            of_pose = way_of_inverse_poses(T_base_ee[some], p_m[some], values[some], ways)
+            if of_pose is not None:
+                self.checks.append("rotation.inverse: pose: position too; only so the arm agrees")
+                return {**of_pose, **u}
         if scatter_rad > AGREES_RAD:
             self.checks.append(
                 f"rotation.convention: none agrees with the nominal arm; the nearest is "

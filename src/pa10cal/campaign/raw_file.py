@@ -29,7 +29,7 @@ from pa10cal.campaign.column_map import (
 from pa10cal.campaign.csv_rows import CONTRACT, Layout, column_names, read_rows
 from pa10cal.campaign.description import DESCRIPTION_FILE, CampaignDescription, check_joints
 from pa10cal.campaign.joint_positions import position_columns
-from pa10cal.campaign.own_columns import FileColumns, Polar, RotationColumns, Time
+from pa10cal.campaign.own_columns import FileColumns, Inverse, Polar, RotationColumns, Time
 from pa10cal.campaign.raw_rows import TEXT, RawRows
 from pa10cal.campaign.row_targets import one_row_a_pose, targets_of_rows
 from pa10cal.campaign.sniffing import ISO, seconds_of
@@ -69,6 +69,12 @@ class RawFile:
         if rotation is None or len(rotation.names) != 3 or rotation.unit != "deg":
             return ()
         return rotation.names
+
+    @property
+    def inverse(self) -> Inverse:
+        """Return what is stated to be inverse of the measured poses."""
+        rotation = None if self.columns is None else self.columns.rotation
+        return False if rotation is None else rotation.inverse
 
     @property
     def names(self) -> list[str]:
@@ -257,6 +263,8 @@ class RawFile:
                 unstated = name.startswith("u_") & (values == 0.0)
                 made[name] = np.where(unstated, np.nan, values)
                 non_numeric[name] = raw.non_numeric[source.name]
+        if rotation is not None and rotation.inverse == "pose":
+            made |= _places_of_inverse_poses(made)
         if columns.kind is not None and "kind" in made:
             words = columns.kind.words
             made["kind"] = np.array([words.get(word, word) for word in made["kind"]], dtype=object)
@@ -306,6 +314,34 @@ def _quaternion_columns(raw: RawRows, rotation: RotationColumns) -> dict[str, Ar
         u = quaternion_uncertainty(values, np.where(u > 0.0, u, np.nan), rotation)
         made |= {f"u_{name}": np.maximum(u[:, k], LEAST_U) for k, name in enumerate(QUATERNION)}
     return made
+
+
+def _places_of_inverse_poses(made: Mapping[str, NDArray[Any]]) -> dict[str, Array]:
+    """Return x, y, z of poses -R p, of places p measured in the target's frame, and their u.
+
+    R is the orientation of the target, as the columns of the contract hold it. What is stated of
+    its uncertainty, taken as the same about all axes, turns the place about the target.
+    """
+    names = [f"{axis}_mm" for axis in "xyz"]
+    wxyz, p_mm = (np.column_stack([made[name] for name in of]) for of in (QUATERNION, names))
+    length = np.linalg.norm(wxyz, axis=1, keepdims=True)
+    some = np.isfinite(wxyz).all(axis=1) & (length[:, 0] > 0.0)
+    R = np.full((len(wxyz), 3, 3), np.nan)
+    R[some] = Rotation.from_quat(wxyz[some], scalar_first=True).as_matrix()
+    place_mm = -(R @ p_mm[:, :, None])[:, :, 0]
+    found = dict(zip(names, place_mm.T, strict=True))
+    if not all(f"u_{name}" in made for name in names):
+        return found
+    u_mm = np.column_stack([made[f"u_{name}"] for name in names])
+    variance = (R**2 @ u_mm[:, :, None] ** 2)[:, :, 0]
+    if all(f"u_{name}" in made for name in QUATERNION):
+        # A turn by u about each of three axes moves the components of a quaternion by u/2 times
+        # the root of three in all.
+        u_wxyz = np.column_stack([made[f"u_{name}"] for name in QUATERNION])
+        u_turn_rad = 2.0 / np.sqrt(3.0) * np.linalg.norm(u_wxyz, axis=1, keepdims=True)
+        across = np.sum(place_mm**2, axis=1, keepdims=True) - place_mm**2
+        variance += np.nan_to_num(u_turn_rad) ** 2 * across
+    return found | {f"u_{name}": u for name, u in zip(names, np.sqrt(variance).T, strict=True)}
 
 
 def _clock(raw: RawRows, time: Time, *, from_first: bool) -> tuple[Array, list[str]]:

@@ -22,6 +22,8 @@ from pa10cal.campaign.conventions import (
     other_axes,
     other_scale,
 )
+from pa10cal.campaign.description import DESCRIPTION_FILE
+from pa10cal.campaign.inverse_poses import other_inverse
 from pa10cal.campaign.joint_positions import in_radians, position_columns
 from pa10cal.campaign.nominal_fit import (
     ReadingsAtStations,
@@ -85,6 +87,7 @@ class Screen:
         def repeats(p_m: Array, seen: Mask) -> Mask:
             return screens.off_repeats(p_m, self.found.pose[seen], self.found.states.load_N[seen])
 
+        self._refuse_inverse_poses()
         if (far := self._by_target(reach)).any():
             misfit = misfit_of(self.found.measured, self.T_base_ee)
             # Not where one factor of all lengths puts them right.
@@ -175,6 +178,29 @@ class Screen:
         seen = np.isfinite(self.found.measured.places_m[..., 0])
         best = int(seen.sum(axis=0).argmax())
         return best, seen[:, best]
+
+    def _refuse_inverse_poses(self) -> None:
+        """Refuse poses that fit the nominal arm only if other of them are inverse than stated."""
+        R, places_m, stated = self.found.measured.attitudes, self.found.measured.places_m, self.file
+        if R is None:
+            return
+        other = other_inverse(self.T_base_ee, places_m[:, 0], R, stated.inverse)
+        if other is None:
+            return
+        key, wanted = stated.words.key("qw"), str(other.inverse).lower()
+        raise RawDataError(
+            "the poses are those of the instrument in the target's frame"
+            if other.inverse == "pose"
+            else "the positions are those of the target, not of an inverse pose",
+            where=f"{stated.path}: {self._target(0)}",
+            value=f"the nominal arm, base and target fitted, is {1e3 * other.as_read_m:.0f} mm off,"
+            f" and {1e3 * other.would_leave_m:.2g} mm if the poses are read so",
+            allowed="poses of the target in the instrument's frame, or stated to be inverse",
+            remedy=f"set {key}.inverse: {wanted}"
+            if key
+            else f"invert the poses, or name their columns under columns in {DESCRIPTION_FILE}, "
+            f"with rotation.inverse: {wanted}",
+        )
 
     def _refuse_units(self) -> None:
         """Refuse orientations, lengths or joint positions in another unit."""

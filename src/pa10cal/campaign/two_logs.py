@@ -40,6 +40,7 @@ from pa10cal.campaign.nominal_fit import (
     find_shift,
     refuse_shifted,
 )
+from pa10cal.campaign.own_columns import Inverse
 from pa10cal.campaign.raw_file import RawFile
 from pa10cal.campaign.raw_rows import RawRows
 from pa10cal.campaign.screens import refuse_too_many
@@ -222,6 +223,11 @@ class TwoLogs:
     def in_degrees(self) -> Sequence[str]:
         """Return the columns of angles of orientations that are stated to be in degrees."""
         return self.readings.in_degrees
+
+    @property
+    def inverse(self) -> Inverse:
+        """Return what is stated to be inverse of the measured poses."""
+        return self.readings.inverse
 
     @property
     def words(self) -> ColumnMap:

@@ -70,7 +70,8 @@ def columns(
         proposal = propose_two_logs(logs, paths, label, robot_name, arm, names)
     else:
         proposal = propose(sniffed[0], files[0].name, label, robot_name, arm, names)
-        if follows_contract(sniffed[0]):
+        rotation = proposal.content["columns"]["poses"].get("rotation", {})
+        if follows_contract(sniffed[0]) and "inverse" not in rotation:
             del proposal.content["columns"]  # files with the names of our own need none
     text = _yaml_text(proposal.content)
     comments = list(proposal.known)
