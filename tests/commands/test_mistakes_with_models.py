@@ -7,11 +7,13 @@ import sys
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
 
 from made_up_mistakes import Mistake, Own, Said, calibrate, call, columns
 from made_up_model import fitted, fitted_to
+from pa10cal.commands.command_line import run_command
 from pa10cal.fit.fitted_model import save_model
 from pa10cal.fit.validity import AngleCoverage
 from pa10cal.options import Tolerances
@@ -317,3 +319,22 @@ MISTAKES = [
 @pytest.mark.parametrize("mistake", MISTAKES, ids=str)
 def test_a_mistake_is_told_by_cause_place_and_remedy(own, mistake):
     mistake.judge(own)
+
+
+def test_a_temperature_that_no_fit_has_seen_is_part_of_the_uncertainty(tmp_path, capsys):
+    about = fitted_to("c1", temperature_std_C=0.5)
+    save_model(replace(MODEL, fitted_to=about), tmp_path / "model.yaml")
+    (tmp_path / "q.csv").write_text(
+        f"id,{','.join(JOINTS)},temperature_C,time_s\na,1,2,3,4,5,6,22,3\nb,1,2,3,4,5,6,32.5,4\n"
+    )
+    words = ["--model", tmp_path / "model.yaml", "--joints", tmp_path / "q.csv"]
+    assert run_command("predict", [*map(str, words), "--out", str(tmp_path / "poses.csv")]) == 0
+    said = capsys.readouterr().out
+    assert "time_s is not used: no effect of the model depends on time" in said
+    assert "temperature_C moves no pose" in said
+    assert "1 rows are up to 11.0 K from the mean of the fit, 21.5 °C: u_mm holds a growth" in said
+    usual, warm = pd.read_csv(tmp_path / "poses.csv").to_dict("records")
+    distance_mm = np.linalg.norm([usual[name] for name in ("x_mm", "y_mm", "z_mm")])
+    assert warm["u_parameters_mm"] == usual["u_parameters_mm"]
+    expected_mm = np.hypot(usual["u_mm"], 18e-6 * 10.0 * distance_mm)
+    assert warm["u_mm"] == pytest.approx(expected_mm, rel=1e-6)

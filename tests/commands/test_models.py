@@ -445,22 +445,6 @@ def test_temperatures_are_a_column_or_an_option(tmp_path, capsys, command):
     np.testing.assert_allclose(both, [warm, warm], atol=1e-8)
 
 
-def test_a_temperature_that_no_fit_has_seen_is_part_of_the_uncertainty(tmp_path, capsys):
-    model = saved(tmp_path, temperature_std_C=0.5)
-    lines = [f"id,{JOINTS},temperature_C,time_s", "a,1,2,3,4,5,6,22,3", "b,1,2,3,4,5,6,32.5,4"]
-    assert run("predict", tmp_path, lines) == 0
-    said = capsys.readouterr().out
-    assert "time_s is not used: no effect of the model depends on time" in said
-    assert "temperature_C moves no pose" in said
-    assert "1 rows are up to 11.0 K from the mean of the fit, 21.5 °C: u_mm holds a growth" in said
-    usual, warm = column(rows(tmp_path / "out.csv"), "u_mm", "u_parameters_mm")
-    distance_mm = 1e3 * np.linalg.norm(model.predict(np.radians([1, 2, 3, 4, 5, 6])).T[0, :3, 3])
-    assert warm[1] == usual[1]
-    assert warm[0] == pytest.approx(np.hypot(usual[0], 18e-6 * 10.0 * distance_mm), rel=1e-6)
-    assert run("predict", tmp_path, [f"id,{JOINTS}", "a,1,2,3,4,5,6"]) == 0
-    assert "temperature_C" not in capsys.readouterr().out
-
-
 def test_times_are_a_column_or_an_option_and_without_one_no_base_moves(tmp_path, capsys):
     model = with_effect(tmp_path, "base_drift", 1e-4, 0.0, 0.0)
     q, start_s = np.radians([1, 2, 3, 4, 5, 6]), model.model.terms[-1].start_s
