@@ -15,8 +15,7 @@ from collections import Counter
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.discovery.joint_series import JointSeries
-from pa10cal.discovery.motor_ripple import witnesses
+from pa10cal.discovery.motor_ripple import JointSeries, witnesses
 from pa10cal_lab.cell.effects.effect import JointState, Site
 from pa10cal_lab.cell.effects.vocabulary import all_effects
 

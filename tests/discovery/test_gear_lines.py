@@ -11,8 +11,8 @@ from made_up_arm import Missing, harmonic, measure
 from made_up_survey import ARM, Hidden, observe
 from pa10cal.arm.chain import Chain
 from pa10cal.discovery import linear
-from pa10cal.discovery.gear_lines import gear_lines
 from pa10cal.discovery.linear import WhitenedPoses
+from pa10cal.discovery.residual_candidates import gear_lines
 from pa10cal.terms.model import Model
 from pa10cal_lab.cell.effects.joint import SimulatedGearLine
 

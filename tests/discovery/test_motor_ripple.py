@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pa10cal.discovery.joint_series import JointSeries, agreement
-from pa10cal.discovery.motor_ripple import common_ratio, lines, witnesses
+from pa10cal.discovery.blocked_cv.map_causes import agreement
+from pa10cal.discovery.motor_ripple import JointSeries, common_ratio, lines, witnesses
 
 NOISE_RAD = 40e-6
 ERROR_RAD = 280e-6

@@ -8,9 +8,9 @@ import pytest
 import pa10cal
 from made_up_survey import observe
 from mended import mend, write_simulated
-from pa10cal.discovery import linear, warm_up
+from pa10cal.discovery import linear, residual_candidates
 from pa10cal.discovery.noise import unweighted
-from pa10cal.discovery.warm_up import warm_ups_shown
+from pa10cal.discovery.residual_candidates import warm_ups_shown
 
 POSES, SECONDS, TAU_S = 150, 60.0, 900.0
 TARGETS_MM = [f"T{target}_{axis}_mm" for target in (1, 2, 3) for axis in "xyz"]
@@ -133,7 +133,7 @@ def test_joints_that_settle_together_are_shown_with_their_time_constant(survey):
 
 def test_one_pose_shows_no_warm_up(survey, monkeypatch):
     """Nor if nothing else that settles explains it; several poses do."""
-    monkeypatch.setattr(warm_up, "_best_rival", lambda *_: -np.inf)
+    monkeypatch.setattr(residual_candidates, "_best_motion", lambda *_: -np.inf)
     off = 2e-3 * np.array([1.0, 1.0, -1.0, 1.0, 1.0, 1.0])
     rank = np.argsort(np.argsort(survey.poses.states.time_s))
     assert shown(survey, np.outer(rank < 1, off)) == ()

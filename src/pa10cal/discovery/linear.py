@@ -134,9 +134,10 @@ class WhitenedPoses:
 
     def at_most(self, count: int) -> WhitenedPoses:
         """Return so many of the poses, drawn at random, where there are more."""
-        if len(self.poses) <= count:
-            return self
-        rows = drawn(len(self.poses), count)
+        return self if len(self.poses) <= count else self.take(drawn(len(self.poses), count))
+
+    def take(self, rows: Index) -> WhitenedPoses:
+        """Return some of the poses."""
         poses, residual = self.poses.take(rows), self.residual[rows]
         return WhitenedPoses(self.at, poses, residual, self.whitener[rows])
 

@@ -22,13 +22,41 @@ from math import factorial
 import numpy as np
 from scipy.special import bdtrc
 
-from pa10cal.arrays import Array
-from pa10cal.discovery.joint_series import JointSeries
+from pa10cal.arrays import Array, Mask, take_rows
 from pa10cal.discovery.rules import RIPPLE
 from pa10cal.discovery.tuning import COMPUTING
 from pa10cal.results.maps import MotorRipple
 
 _ALPHAS = np.linspace(*RIPPLE.share_grid)
+
+
+@dataclass(frozen=True, eq=False)
+class JointSeries:
+    """One joint in P configurations of a campaign."""
+
+    q_rad: Array  # (P,) commanded angle
+    residual_rad: Array  # (P,) true angle less the angle by the model
+    weight: Array  # (P,) inverse variance of the residual [1/rad²]
+    error_rad: Array  # (P,) error of the angle by the model, true less commanded
+    torque_Nm: Array  # (P,) torque; nan where not known
+    moved: Mask  # (P,) whether the joint moved since the configuration before
+
+    def __len__(self) -> int:
+        return len(self.q_rad)
+
+    def take(self, rows: Mask) -> JointSeries:
+        """Return the series of these configurations only."""
+        return take_rows(self, rows)
+
+    @property
+    def centred_rad(self) -> Array:
+        """Return the residual less its weighted mean."""
+        total = max(float(self.weight.sum()), COMPUTING.tiny)
+        return self.residual_rad - float(self.weight @ self.residual_rad) / total
+
+    def motor_rad(self, alpha: float) -> Array:
+        """Return the motor's angle over the gear ratio if it followed the share alpha of errors."""
+        return self.q_rad + alpha * self.error_rad
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,6 @@ from pa10cal.discovery.evidence.problem import EvidenceProblem, prepare
 from pa10cal.discovery.evidence.search import EndOfSearch, evidence_about, refit, resized, search
 from pa10cal.discovery.finding import Finding, Untestable, threshold
 from pa10cal.discovery.gap import PairedErrors, errors_of, gap
-from pa10cal.discovery.gear_lines import gear_lines
 from pa10cal.discovery.gross_errors import moved_between_repeats
 from pa10cal.discovery.in_time import in_time_of
 from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit, pure_error_test
@@ -37,6 +36,7 @@ from pa10cal.discovery.linear import WhitenedPoses, by_every_joint, residual
 from pa10cal.discovery.next_poses import separating_poses, unresolved_pairs
 from pa10cal.discovery.noise import same_circumstances, whitener_of
 from pa10cal.discovery.nuisances import NO_MOTION, motion_unexplained, steps_in_time
+from pa10cal.discovery.residual_candidates import gear_lines
 from pa10cal.discovery.rules import EVIDENCE, LINES
 from pa10cal.discovery.short_forms import FormComparison
 from pa10cal.discovery.tuning import COMPUTING

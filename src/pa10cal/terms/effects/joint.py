@@ -349,7 +349,8 @@ class GearLine(effect.AtJoint):
 
     A toothed wheel or a motor off its centre errs once a turn of its own, a harmonic drive twice a
     turn of its wave generator. Searches try it only where the spectrum of the joint's error has a
-    line (`discovery/gear_lines`). If the ratio is stated, this effect is `transmission_error`.
+    line (`discovery/residual_candidates`). If the ratio is stated, this effect is
+    `transmission_error`.
     """
 
     order: float = 100.0  # order of the line in the spectrum, about which k is fitted

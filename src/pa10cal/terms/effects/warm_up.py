@@ -31,7 +31,7 @@ _SHORTEST, _USUAL, _LONGEST = 1e-3, 0.1, 0.2
 class WarmsUp(Effect):
     """Something that a part of the arm lacks until it is warm: -A exp(-(t - start) / tau).
 
-    It is not sought among all others, but where the first poses show it (`discovery/warm_up`).
+    It is sought where the first poses show it (`discovery/residual_candidates`).
     """
 
     start_s: float  # time of the first reading

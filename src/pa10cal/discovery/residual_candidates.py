@@ -1,0 +1,370 @@
+"""Candidates that the residual of a search proposes: lines of gears, wobbling axes, warm-ups.
+
+A search by itself cannot try them: a line may have any number of cycles a turn, a soft bearing
+looks nearly like a wobble, and a stretch of time that alone shows a warm-up is predicted from all
+others. So the gain of their log evidence is computed in the residual of a search, beside all that
+could imitate them. What stands out joins the candidates, and the search decides.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from pa10cal.arm.description import weights_known
+from pa10cal.arm.statics import Payload, PoseStates
+from pa10cal.arrays import Array
+from pa10cal.discovery import linear
+from pa10cal.discovery.in_time import by_pose_and_time
+from pa10cal.discovery.linear import WhitenedPoses
+from pa10cal.discovery.preparation import sought
+from pa10cal.discovery.rules import CHANGE, LINES, MOTION, PROBABILITIES, WARMING, WOBBLES
+from pa10cal.discovery.together import heavier
+from pa10cal.fit.problem import possible_sizes
+from pa10cal.fit.uncertain_weights import weight_sizes
+from pa10cal.numerics.gaussian import Gaussian, Gaussians
+from pa10cal.observe.observations import Observations
+from pa10cal.observe.time_order import like_a_scan, spread_over_time
+from pa10cal.rules import ORDER
+from pa10cal.terms.effects.effect import CandidateContext, Effect, every_effect, static_loads_in
+from pa10cal.terms.effects.joint import GearLine
+from pa10cal.terms.effects.joint_error_map import is_error_map
+from pa10cal.terms.effects.structure import AxisWobble, LateralCompliance
+from pa10cal.terms.effects.warm_up import WarmsUp, warm_ups
+
+
+@dataclass(frozen=True, eq=False)
+class _Rivals:
+    """Everything beside which candidates have to gain log evidence."""
+
+    columns: Array  # (P, b, n) whitened, each in its expected size
+    data: Array  # (P, b) whitened, measured less predicted
+
+    @cached_property
+    def equations(self) -> Gaussian:
+        """Return the normal equations of the columns."""
+        return Gaussian.of(self.columns, self.data)
+
+    @property
+    def seen(self) -> int:
+        """Return the number of components that were measured; all others are zero."""
+        return int(np.count_nonzero(self.data))
+
+    def with_each(self, candidates: Array) -> Gaussians:
+        """Return the equations of each of K candidates, by whitened columns (P, b, K, k)."""
+        across = np.einsum("pbn,pbki->nki", self.columns, candidates, optimize=True)
+        gram = np.einsum("pbki,pbkj->kij", candidates, candidates, optimize=True)
+        projection = np.einsum("pbki,pb->ki", candidates, self.data, optimize=True)
+        return self.equations.of_each_further(across, gram, projection)
+
+
+# Lines of gears: periodic errors of joints as often a turn as a gear ratio that nobody stated. No
+# map follows a hundred cycles a turn. They show in the periodogram of the residual, at the unevenly
+# spaced angles of the poses (Scargle, Astrophysical Journal 263, 1982).
+
+
+def gear_lines(
+    rows: WhitenedPoses, error_rate: float, known: Collection[str] = ()
+) -> tuple[GearLine, ...]:
+    """Return the line of each joint that has one, in the residual of a model or in its maps.
+
+    None for a joint of which two orders fit equally well, as where its angles are whole steps, nor
+    at twice a stated gear ratio, which has an effect of its own.
+
+    Args:
+        rows: the poses about the model.
+        error_rate: probability allowed of finding a line where there is none.
+        known: places of lines that the model has.
+    """
+    rows = rows.at_most(LINES.most_poses)
+    at, poses, arm = rows.at, rows.poses, rows.at.arm
+    joints = [
+        joint
+        for joint in (arm.coupling.own[~arm.axes_slide] + 1).tolist()
+        if f"joint {joint}" not in known and _angles(poses, joint) >= LINES.least_angles
+    ]
+    if not joints:
+        return ()
+    terms, sizes, data = at.model.terms, possible_sizes(at.model), rows.data
+    of_terms = linear.by_own_terms(at, poses, terms, rows.whitener)
+    own = dict(zip(terms, of_terms, strict=True))
+    found = _lines(rows, joints, [*own.values(), rows.by_targets], data, error_rate)
+    maps = [term for term in own if is_error_map(term)]
+    if found or not maps:
+        return found
+    for term in maps:  # a fine map may follow a line, which is then in the residual without maps
+        amounts = at.values_of(term) / sizes[at.model.columns_of(term)]
+        data = data + own.pop(term) @ amounts
+    return _lines(rows, joints, [*own.values(), rows.by_targets], data, error_rate)
+
+
+def _angles(poses: Observations, joint: int) -> int:
+    """Return the number of different angles of a joint, counted from 1."""
+    return len(np.unique(np.round(poses.states.q_rad[:, joint - 1], LINES.angle_decimals)))
+
+
+def _lines(
+    rows: WhitenedPoses,
+    joints: Sequence[int],
+    own: Sequence[Array],
+    data: Array,
+    error_rate: float,
+) -> tuple[GearLine, ...]:
+    """Return the lines of joints in whitened data (P, b), beside own columns (P, b, k)."""
+    rivals = _Rivals(np.concatenate(own, axis=2), data)
+    by_joint = rows.whitener @ linear.by_joints(rows.at, rows.poses, joints)
+    q_rad = rows.poses.states.q_rad
+    spectra = [
+        _Periodogram.of(rivals, by_joint[:, :, k], q_rad[:, joint - 1])
+        for k, joint in enumerate(joints)
+    ]
+    needed = float(np.log(sum(len(spectrum.orders) for spectrum in spectra) / error_rate))
+    found = []
+    for joint, spectrum in zip(joints, spectra, strict=True):
+        order = spectrum.line(needed)
+        stated = 2.0 * float(rows.at.arm.gear_ratio[joint - 1])
+        if order is not None and not abs(order - stated) < spectrum.width:  # nan if not stated
+            found.append(GearLine(f"joint {joint}", round(order, LINES.order_decimals)))
+    return tuple(found)
+
+
+@dataclass(frozen=True, eq=False)
+class _Periodogram:
+    """Gain of log evidence by waves of one joint's angle."""
+
+    q_rad: Array  # (P,) the joint's angles
+    rivals: _Rivals
+    rivals_by_joint: Array  # (P, n) products of the rivals with the joint's column, pose by pose
+    squares: Array  # (P,) squares of the joint's column
+    data_by_joint: Array  # (P,) products of the joint's column with the data
+
+    @classmethod
+    def of(cls, rivals: _Rivals, by_joint: Array, q_rad: Array) -> _Periodogram:
+        """Return that of a joint by its whitened column (P, b) and its angles (P,)."""
+        return cls(
+            q_rad=q_rad,
+            rivals=rivals,
+            rivals_by_joint=np.einsum("pbn,pb->pn", rivals.columns, by_joint),
+            squares=np.sum(by_joint**2, axis=1),
+            data_by_joint=np.sum(by_joint * rivals.data, axis=1),
+        )
+
+    @property
+    def width(self) -> float:
+        """Return the width of a line: one cycle over the range of the joint's angles."""
+        return float(2.0 * np.pi / np.ptp(self.q_rad))
+
+    @property
+    def orders(self) -> Array:
+        """Return the orders that are tried [cycles a turn]."""
+        return np.arange(*LINES.orders, LINES.step_widths * self.width)
+
+    def line(self, needed: float) -> float | None:
+        """Return the order of the line that gains what is needed [nat]; None if none does."""
+        orders = self.orders
+        firsts = range(0, len(orders), LINES.at_once)
+        gains = np.concatenate([self.gains(orders[k : k + LINES.at_once]) for k in firsts])
+        best = int(np.argmax(gains))
+        if gains[best] < needed:
+            return None
+        apart = np.abs(orders - orders[best]) > LINES.widths_apart * self.width
+        if np.max(gains[apart], initial=-np.inf) > gains[best] - LINES.better_nats:
+            return None
+        step = LINES.step_widths * self.width
+        finest = minimize_scalar(
+            lambda order: -float(self.gains(np.array([order]))[0]),
+            bounds=(orders[best] - step, orders[best] + step),
+            method="bounded",
+        )
+        return float(finest.x)
+
+    def gains(self, orders: Array) -> Array:
+        """Return the gain of log evidence by a line of each of K orders, scatter profiled, (K,)."""
+        phase = self.q_rad[:, None] * orders
+        waves = LINES.size_rad * np.stack([np.sin(phase), np.cos(phase)], axis=-1)  # (P, K, 2)
+        across = (self.rivals_by_joint.T @ waves.reshape(len(phase), -1)).reshape(
+            -1, len(orders), 2
+        )
+        gram = np.einsum("pki,p,pkj->kij", waves, self.squares, waves)
+        projection = np.tensordot(self.data_by_joint, waves, axes=1)
+        further = self.rivals.equations.of_each_further(across, gram, projection)
+        return np.asarray(further.gains(self.rivals.seen)[0] / PROBABILITIES.blocks)
+
+
+# Axes that wobble as their joints turn. A bearing that is softer about one axis than about another
+# tilts under weights that turn with the joint, nearly as a wobble does. So the tilts of every axis
+# are tested beside all that may give way, with large prior sizes: bearings about any axes, links,
+# base and tool, under the weights as described and, where nobody stated these, by each weight.
+
+
+@dataclass(frozen=True)
+class _SoftAnyWay(LateralCompliance):
+    """A bearing that tilts about each of its two axes under the moments about both."""
+
+    names = ("C_xx", "C_xy", "C_yx", "C_yy")
+
+    def per_unit(self, states: PoseStates) -> Array:
+        moment_Nm = static_loads_in(states, self).link_Nm[:, self.joint - 2, :2]
+        return np.asarray(np.einsum("pk,ij->pijk", moment_Nm, np.eye(2)).reshape(-1, 2, 4))
+
+
+def wobbles(
+    rows: WhitenedPoses,
+    context: CandidateContext,
+    payload: Payload | None,
+    error_rate: float,
+    known: Collection[str],
+) -> tuple[AxisWobble, ...]:
+    """Return the wobble that is significant in a model's residual, and clearly the best; or none.
+
+    Args:
+        rows: the poses about the model.
+        context: where effects may sit.
+        payload: what the arm carries; None where no weight is known.
+        error_rate: probability allowed of finding a wobble where there is none.
+        known: places of wobbles that were tried.
+    """
+    rows = rows.at_most(LINES.most_poses)
+    there = {*known, *(term.of for term in rows.at.model.terms if term.id == AxisWobble.id)}
+    tried = [wobble for wobble in AxisWobble.everywhere(context) if wobble.of not in there]
+    if not tried:
+        return ()
+    rows = replace(rows, at=rows.at.with_bends(range(1, rows.at.arm.n)))
+    at, poses, whiten = rows.at, rows.poses, rows.whitener
+    own = linear.by_own_terms(at, poses, at.model.terms, whiten)
+    columns = [*own, rows.by_targets, *_giving_way(rows, context, payload)]
+    starts = [wobble.starts[0] for wobble in tried]
+    tilts = np.stack(linear.by_effects(at, poses, tried, starts, whiten), axis=2)
+    rivals = _Rivals(np.concatenate(columns, axis=2), rows.data)
+    gains = rivals.with_each(tilts).gains(rivals.seen)[0] / PROBABILITIES.blocks
+    best, *others = np.argsort(-gains).tolist()
+    needed = float(np.log(len(tried) / error_rate))
+    ambiguous = bool(others) and gains[others[0]] > gains[best] - WOBBLES.better_nats
+    return () if gains[best] < needed or ambiguous else (tried[best],)
+
+
+def _giving_way(
+    rows: WhitenedPoses, context: CandidateContext, payload: Payload | None
+) -> Iterator[Array]:
+    """Yield whitened columns (P, b, k) of everything compliant but springs, in large sizes."""
+    if payload is None or rows.poses.states.static_loads is None:
+        return
+    kinds = [kind for kind in every_effect() if kind.bends and kind is not LateralCompliance]
+    soft: list[Effect] = [effect for kind in kinds for effect in kind.everywhere(context)]
+    soft += _SoftAnyWay.everywhere(context)
+    starts = [effect.starts[0] for effect in soft]
+
+    def columns(poses: Observations) -> Array:
+        found = linear.by_effects(rows.at, poses, soft, starts, rows.whitener)
+        return WOBBLES.sizes * np.concatenate(found, axis=2)
+
+    described, arm = columns(rows.poses), rows.at.arm
+    yield described
+    if weights_known(arm).assumed:
+        for each in heavier(rows.poses, weight_sizes(arm, payload).columns(arm)):
+            yield columns(each) - described
+
+
+# Joints and links that warm up: an arm that was not warm errs most in its first poses, less and
+# less. Warm-ups of all joints and long links together, with one time constant, are compared with
+# what else may settle or move in the first poses: base or instrument, tool, targets. All that
+# depends on the pose, and drifts, are integrated out besides.
+
+
+def warm_ups_shown(
+    rows: WhitenedPoses, context: CandidateContext, *, logged: bool
+) -> tuple[WarmsUp, ...]:
+    """Return the warm-up of every joint and long link if they are significant together; or none.
+
+    With the most likely time constant. None where the base, the tool or a target that settles or
+    moves explains the residual as well, and none where rows do not tell time.
+
+    Args:
+        rows: the poses about a model that was fitted to them.
+        context: where effects may sit.
+        logged: whether torques were logged.
+    """
+    tried, poses = warm_ups(context), rows.poses
+    if not tried or not poses.states.tells_time or poses.measured.campaigns or like_a_scan(poses):
+        return ()
+    rows = rows.take(spread_over_time(poses, MOTION.most_readings))
+    first_s, last_s = context.time_span_s
+    shortest_s, longest, count = WARMING.time_constants
+    if shortest_s >= longest * (last_s - first_s):
+        return ()
+    taus_s = np.geomspace(shortest_s, longest * (last_s - first_s), count)
+    rivals = _poses_and_drifts(rows, context, logged=logged)
+    gains = _gains_at_best_size(rivals, _warm_up_columns(rows, tried, taus_s))
+    best, needed = int(np.argmax(gains)), np.log(count * len(CHANGE.scales) / MOTION.false_rate)
+    # With the longest time constant it is a drift.
+    if best == count - 1 or gains[best] < needed:
+        return ()
+    # Nor may it rest on one pose, of which a joint may be misread.
+    since_s = rows.poses.states.time_s - first_s
+    off = np.exp(-since_s / taus_s[best]) * np.linalg.norm(rows.data, axis=1)
+    others = rows.take(np.delete(np.arange(len(off)), int(np.argmax(off))))
+    by_others = _gains_at_best_size(
+        _poses_and_drifts(others, context, logged=logged),
+        _warm_up_columns(others, tried, taus_s[[best]]),
+    )
+    if by_others[0] < needed:
+        return ()
+    if gains[best] < _best_motion(rows, rivals, since_s, taus_s) + WARMING.better_nats:
+        return ()
+    return tuple(replace(effect, tau_s=float(taus_s[best])) for effect in tried)
+
+
+def _warm_up_columns(rows: WhitenedPoses, tried: tuple[WarmsUp, ...], taus_s: Array) -> Array:
+    """Return whitened columns (P, b, K, m) of m warm-ups with each of K time constants."""
+    shapes = [replace(effect, tau_s=float(tau_s)) for tau_s in taus_s for effect in tried]
+    starts = [shape.starts[0] for shape in shapes]
+    columns = linear.by_effects(rows.at, rows.poses, shapes, starts, rows.whitener)
+    every = np.concatenate(columns, axis=2)
+    return every.reshape(*every.shape[:2], len(taus_s), len(tried))
+
+
+def _poses_and_drifts(rows: WhitenedPoses, context: CandidateContext, *, logged: bool) -> _Rivals:
+    """Return all that depends on the pose, and drifts."""
+    at, poses, whiten = rows.at, rows.poses, rows.whitener
+    effects = sought(context, at.model.terms)
+    smooth = by_pose_and_time(at, poses, effects, logged=logged, weights=True)
+    own = linear.by_own_terms(at, poses, at.model.terms, whiten)
+    columns = [
+        *(CHANGE.static_sizes * each for each in own),
+        MOTION.targets_m * rows.by_targets,
+        *(whiten @ each for each in smooth),
+    ]
+    return _Rivals(np.concatenate(columns, axis=2), rows.data)
+
+
+def _gains_at_best_size(rivals: _Rivals, candidates: Array) -> Array:
+    """Return the gain of log evidence (K,) by each of K candidates, by columns (P, b, K, k)."""
+    further, sizes = rivals.with_each(candidates), np.array(CHANGE.scales)[:, None]
+    gains = [further.in_sizes(size).gains(rivals.seen)[0] for size in sizes]
+    return np.asarray(np.max(gains, axis=0) / PROBABILITIES.blocks)
+
+
+def _best_motion(rows: WhitenedPoses, rivals: _Rivals, since_s: Array, taus_s: Array) -> float:
+    """Return the gain by motions of the base or of all targets that settle, or step early.
+
+    Args:
+        rows: P poses.
+        rivals: what the motions have to gain beside.
+        since_s: (P,) times from the first reading on.
+        taus_s: time constants with which they may settle.
+    """
+    early_s = since_s[since_s < ORDER.end_share * since_s.max()]
+    steps_s = np.quantile(early_s, np.linspace(0.0, 1.0, MOTION.coarse_times))
+    settling = np.exp(-since_s[:, None] / taus_s)
+    courses = np.concatenate([settling, since_s[:, None] <= steps_s], axis=1)[:, None, :, None]
+    of_base = rows.whitener @ linear.by_base(rows.at, rows.poses)
+    motions = [each for each in (of_base, rows.by_targets) if each.shape[2]]
+    gains = (
+        _gains_at_best_size(rivals, WARMING.base_m * each[:, :, None, :] * courses)
+        for each in motions
+    )
+    return max(float(gain.max()) for gain in gains)
