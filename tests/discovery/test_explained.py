@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from pa10cal.discovery.finding import GivesWay
-from pa10cal.discovery.gap import explained_by
-from pa10cal.discovery.verdict import Verdict
+from pa10cal.discovery.explained import ErrorsOfModels, explained_by, explained_errors
+from pa10cal.discovery.finding import Finding, GivesWay
 from pa10cal.results.discovery import ExplainedEffect
 from pa10cal.results.record import EffectName
 from pa10cal.terms import wording
+from pa10cal.terms.effects.joint import GearRatioError, JointCompliance
 
 NOISE_MM = 0.1
-#: What is known of a finding that nothing else explains.
-ALONE = SimpleNamespace(smallest_set=(), of=lambda effect: 0.99)
 
 
 def errors(rms_mm, count=50):
@@ -156,28 +153,25 @@ def test_springs_of_the_calibration_join_before_the_effects():
 @pytest.mark.parametrize(("calibrated_mm", "all_rigid_mm"), [(0.3, 0.6), (0.9, 0.6)])
 def test_before_is_the_model_without_springs_and_without_effects(calibrated_mm, all_rigid_mm):
     # With joints rigid the effects stay in the model, so what they leave may be less than before.
-    def left(rms_mm):
-        return SimpleNamespace(distance_mm=errors(rms_mm))
-
-    spring = SimpleNamespace(
-        id="joint_compliance", of="joint 2", explanations=ALONE, effect="of 2",
-        proof=GivesWay.model_construct(
-            weights="logged", without_each_mm=errors(0.4), all_rigid_each_mm=errors(all_rigid_mm)
+    proof = GivesWay.model_construct(
+        weights="logged", without_each_mm=errors(0.4), all_rigid_each_mm=errors(all_rigid_mm)
+    )
+    spring, eccentric = (
+        Finding(effect, np.ones(1), np.eye(1), (), proof)
+        for effect in (JointCompliance("joint 2", 10.0), GearRatioError("joint 3"))
+    )
+    found = explained_errors(
+        ErrorsOfModels(
+            over="held-out poses",
+            noise_mm=NOISE_MM,
+            calibrated_mm=errors(calibrated_mm),
+            named_mm=errors(0.12),
+            exported_mm=errors(0.12),
+            without_mm={eccentric: errors(0.25)},
         ),
-    )  # fmt: skip
-    eccentric = SimpleNamespace(id="eccentricity", of="joint 3", explanations=ALONE, effect="of 3")
-    without, last = left(0.25), left(0.12)
-    found = Verdict.explained.fget(
-        SimpleNamespace(
-            method="evidence", effects=(eccentric,), gives_way=(spring,), findings=(eccentric,),
-            prepared=SimpleNamespace(suspected=None), train=None, predicted=None, unexplained=(),
-            holdout=SimpleNamespace(
-                poses=range(50), noise_rms_mm=NOISE_MM,
-                found_before=left(calibrated_mm), found_after=last,
-            ),
-            errors_by_name=SimpleNamespace(without={"of 3": without}),
-        )
-    )  # fmt: skip
+        [spring],
+        None,
+    )
     assert found.before_mm == pytest.approx(max(calibrated_mm, all_rigid_mm))
     assert found.after_mm == pytest.approx(0.12)
     assert found.share + found.without_a_name == pytest.approx(1.0)
@@ -207,6 +201,14 @@ def test_a_verdict_says_what_its_effects_take_away(eccentric):
     fitted = replace(eccentric.discovery, holdout=None).explained
     assert fitted.over == "fitted poses"
     assert fitted.after_mm == pytest.approx(eccentric.discovery.train.after.rms_mm)
+
+
+def test_where_all_held_out_poses_are_suspected_those_fitted_show_it(eccentric):
+    verdict, held_out = eccentric.discovery, eccentric.discovery.holdout
+    suspected = np.ones(len(held_out.poses), dtype=bool)
+    prepared = replace(verdict.prepared, suspected=suspected)
+    found, fitted = replace(verdict, prepared=prepared), replace(verdict, holdout=None)
+    assert found.explained == fitted.explained
 
 
 @pytest.mark.slow

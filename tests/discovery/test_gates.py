@@ -13,16 +13,10 @@ from made_up_model import fitted_to
 from made_up_poses import context_of
 from pa10cal.discovery import gates
 from pa10cal.discovery.evidence.by_repeats import ByRepeats
-from pa10cal.discovery.gates import (
-    gated,
-    holds_zero,
-    reasons_against_none,
-    unfit,
-    with_cable_torques,
-)
+from pa10cal.discovery.gates import gated, reasons_against_none, with_cable_torques
 from pa10cal.discovery.lack_of_fit import pure_error_test
+from pa10cal.discovery.refitted_verdict import holds_zero, unfit, with_findings
 from pa10cal.discovery.rules import NAMES
-from pa10cal.discovery.verdict import with_findings
 from pa10cal.files.arms import load_arm
 from pa10cal.terms.effects.effect import candidates
 from pa10cal.terms.effects.joint import GearRatioError

@@ -13,8 +13,9 @@ from pa10cal.discovery.blocked_cv.by_blocks import discover_by_blocks
 from pa10cal.discovery.gross_errors import moved_between_repeats
 from pa10cal.discovery.in_time import in_time_of
 from pa10cal.discovery.linear import residual, with_base_term
-from pa10cal.discovery.noise import same_circumstances, unweighted
+from pa10cal.discovery.noise import same_circumstances
 from pa10cal.discovery.nuisances import motion_unexplained
+from pa10cal.discovery.pose_scatter import unweighted
 from pa10cal.discovery.preparation import Prepared
 from pa10cal.terms.effects.effect import candidates
 

@@ -163,7 +163,7 @@ def test_errors_fall_name_by_name_from_the_baseline_to_the_extended_model(wave):
     train = scorer.gap_on(average_repeats(problem.readings))
     found = errors_by_name(train, None, extended.effects, scorer.model_with)
     # What takes most away joins first.
-    assert list(found.without) == [HARMONIC, FRICTION]
+    assert list(found.fitted_without) == [HARMONIC, FRICTION]
     none, one, both = found.steps
     assert (none.train, both.train) == (train.before, train.after)
     assert one.effects == (name_of(HARMONIC),)

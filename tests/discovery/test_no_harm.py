@@ -107,7 +107,7 @@ def test_a_name_without_which_held_out_poses_do_better_goes(monkeypatch, eccentr
         first.effect: replace(after, distance_mm=2.0 * after.distance_mm),
         second.effect: replace(after, distance_mm=factor * after.distance_mm),
     }
-    monkeypatch.setattr(type(found), "errors_by_name", ErrorsByName((), without))
+    monkeypatch.setattr(type(found), "errors_by_name", ErrorsByName((), {}, without))
     done = harmless(replace(found, findings=(first, second)))
     assert len(done.findings) == left
     assert first.effect in {each.effect for each in done.findings}

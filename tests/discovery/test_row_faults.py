@@ -15,14 +15,9 @@ from pa10cal.campaign.target_labels import EXCHANGED
 from pa10cal.discovery import discover as search
 from pa10cal.discovery.evidence.confirmation import confirm
 from pa10cal.discovery.gross_errors import gross_errors
+from pa10cal.discovery.log_faults import fault_of_quarantined, influential_pose
 from pa10cal.discovery.preparation import complete
-from pa10cal.discovery.row_faults import (
-    held_out_faults,
-    influential_pose,
-    of_wrong_row,
-    row_faults,
-    true_loads,
-)
+from pa10cal.discovery.row_faults import held_out_faults, row_faults, true_loads
 from pa10cal.fit.tails import Tails
 from pa10cal.observe.pose import Touched
 from pa10cal.results.calibration import InputFinding
@@ -107,7 +102,7 @@ class TestWrongRows:
         [("target_label", "label", True), ("outlier", "outlier", False)],
     )
     def test_labels_decide(self, of, kind, decides):
-        fault = of_wrong_row(
+        fault = fault_of_quarantined(
             InputFinding(what="what", where="where", remedy="do", kind=of, would_leave_mm=None)
         )
         assert (fault.kind, fault.where, fault.decides) == (kind, "where", decides)

@@ -9,7 +9,7 @@ import pa10cal
 from made_up_survey import observe
 from mended import mend, write_simulated
 from pa10cal.discovery import linear, residual_candidates
-from pa10cal.discovery.noise import unweighted
+from pa10cal.discovery.pose_scatter import unweighted
 from pa10cal.discovery.residual_candidates import warm_ups_shown
 
 POSES, SECONDS, TAU_S = 150, 60.0, 900.0

@@ -7,7 +7,8 @@ import pytest
 
 from made_up_survey import ATTITUDE_RAD, POSITION_M, observe
 from pa10cal.discovery.linear import mean_length
-from pa10cal.discovery.noise import nearly_same, noise_of_near_poses, pose_weights, unweighted
+from pa10cal.discovery.noise import nearly_same, noise_of_near_poses
+from pa10cal.discovery.pose_scatter import pose_weights, unweighted
 from pa10cal.discovery.rules import NOISE
 from pa10cal.observe.pose import Pose
 

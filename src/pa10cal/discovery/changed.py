@@ -16,8 +16,8 @@ from typing_extensions import override
 
 from pa10cal.arrays import Array, Index
 from pa10cal.discovery import linear
-from pa10cal.discovery.finding import DiagnosedFault
 from pa10cal.discovery.in_time import by_pose_and_time
+from pa10cal.discovery.log_faults import DiagnosedFault
 from pa10cal.discovery.nuisances import Nuisance, Wander, between_rows
 from pa10cal.discovery.rules import CHANGE, MOTION
 from pa10cal.fit.fitted_model import FittedModel

@@ -20,7 +20,7 @@ from pa10cal.arrays import Array, Mask
 from pa10cal.calibration import rules as calibration_rules
 from pa10cal.discovery import linear
 from pa10cal.discovery.finding import Finding, GivesWay, Rival, name_of
-from pa10cal.discovery.noise import pose_weights
+from pa10cal.discovery.pose_scatter import pose_weights
 from pa10cal.discovery.rules import NAMES, SPRINGS
 from pa10cal.discovery.together import Together
 from pa10cal.discovery.verdict import Basis, Verdict, in_doubt

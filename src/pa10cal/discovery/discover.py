@@ -21,13 +21,14 @@ from pa10cal.discovery.field import field_of, with_field
 from pa10cal.discovery.gap import PairedErrors, errors_of, gap
 from pa10cal.discovery.gates import gated, with_other_readings
 from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit
+from pa10cal.discovery.log_faults import fault_of_quarantined, influential_pose
 from pa10cal.discovery.loose_targets import loose_targets
 from pa10cal.discovery.nameless import nameless_effects
 from pa10cal.discovery.no_harm import harmed, limits, only_within
 from pa10cal.discovery.noise import mean_covariance, noise_of_near_poses, repeated
 from pa10cal.discovery.preparation import MeasurementSetup, Prepared, complete, context_of, prepared
 from pa10cal.discovery.proposals import with_lines_named, with_proposals
-from pa10cal.discovery.row_faults import influential_pose, of_wrong_row
+from pa10cal.discovery.refitted_verdict import without_names
 from pa10cal.discovery.rules import JUDGING, NOISE
 from pa10cal.discovery.torque_faults import stated_wrongly, with_friction_of_log
 from pa10cal.discovery.verdict import (
@@ -39,7 +40,6 @@ from pa10cal.discovery.verdict import (
     is_sought,
     label_of,
     with_likely,
-    without_names,
 )
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.fitted_model import FittedModel
@@ -78,7 +78,7 @@ def discover(
     Raises:
         CalibrationError: when a joint with a spring has no torque.
     """
-    campaign = prepared(every, model, setup, tuple(map(of_wrong_row, wrong)))
+    campaign = prepared(every, model, setup, tuple(map(fault_of_quarantined, wrong)))
     found = _without_influential_poses(_judged(campaign, model), model)
     if is_sought(found):
         found = with_lines_named(with_proposals(_likelier(found, gated(found))))

@@ -1,8 +1,7 @@
-"""Parts of a verdict: effects found, with their rivals and probabilities; faults of the log."""
+"""Effects found, with their rivals and probabilities, and effects that data cannot show."""
 
 from __future__ import annotations
 
-import re
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
@@ -18,14 +17,12 @@ from typing_extensions import TypeVar, override
 from pa10cal.arrays import Array
 from pa10cal.discovery.rules import JUDGING, PROBABILITIES
 from pa10cal.results import discovery
-from pa10cal.results.calibration import InputFinding
 from pa10cal.results.evaluation import EffectParameter
 from pa10cal.results.maps import JointWitness, MapForm
-from pa10cal.results.record import EffectName, FaultKind, Name, Numbers, Part
+from pa10cal.results.record import EffectName, Name, Numbers, Part
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import BandPrior, is_error_map
 from pa10cal.terms.term import Term
-from pa10cal.terms.weights import LogFault
 
 
 @dataclass(frozen=True)
@@ -335,73 +332,3 @@ def with_a_name(entries: Sequence[Untestable]) -> tuple[discovery.NotTestable, .
         for entry in entries
         if not entry.effect.generic
     )
-
-
-#: Faults of the log by the kinds of findings that a calibration has about its input.
-_OF_INPUT: dict[str, FaultKind] = {
-    "joint_sign": "joint_sign",
-    "joint_order": "joint_sign",
-    "joint_coupling": "joint_sign",
-    "joint_zero": "joint_zero",
-    "target_label": "label",
-    "campaigns": "step_in_time",
-}
-
-
-class DiagnosedFault(discovery.Fault):
-    """A fault of the log, with its consequences for the verdict, which are not written."""
-
-    gain: float | None = None
-    # whether the verdict is `check_the_log` even where effects were found; not for a reading with a
-    # gross error, which is excluded
-    decides: bool = Field(default=True, exclude=True)
-    # time of a certain step of the base [s]; readings before and after it have different bases
-    at_s: float | None = Field(default=None, exclude=True)
-    # effect with the same consequences: where it was found, there is no fault
-    effect: EffectName | None = Field(default=None, exclude=True)
-    # whether it is a large departure of the arm: where held-out poses confirm it, there is no fault
-    is_departure: bool = Field(default=False, exclude=True)
-
-
-def steps_told(faults: Sequence[DiagnosedFault]) -> tuple[float, ...]:
-    """Return the times of certain steps [s], the most certain first."""
-    return tuple(fault.at_s for fault in faults if fault.at_s is not None)
-
-
-def fault_of(term: LogFault, x: Array, covariance: Array, gain: float | None) -> DiagnosedFault:
-    """Return a fault from its term, with the part of the squared error that it explains."""
-    text = term.fault_text(x, np.sqrt(np.diag(covariance)))
-    return DiagnosedFault(
-        kind=term.kind, where=text.where, what=text.what, remedy=text.remedy, gain=gain
-    )
-
-
-def faults_of_input(suspicions: Sequence[InputFinding]) -> tuple[DiagnosedFault, ...]:
-    """Return those findings of the calibration about its input that are faults of the log."""
-    faults = []
-    for finding in suspicions:
-        kind = _OF_INPUT.get(finding.kind)
-        joint = re.fullmatch(r"(?:[^,;]* \(`)?(?:delta_theta_|q)(\d+)(?:`\))?", finding.where)
-        if finding.kind == "departure" and joint is not None:
-            kind = "joint_zero"
-        if kind is None:
-            continue
-        where, what = finding.where if joint is None else f"joint {joint[1]}", finding.what
-        if finding.would_leave_mm is not None:
-            what += f" ({finding.would_leave_mm:.3g} mm rms would remain if that is put right)"
-        faults.append(
-            DiagnosedFault(
-                kind=kind,
-                where=where,
-                what=what,
-                remedy=finding.remedy,
-                effect=finding.effect,
-                is_departure=finding.is_departure,
-            )
-        )
-    return tuple(faults)
-
-
-def to_check(faults: Sequence[DiagnosedFault], *, effects: bool) -> bool:
-    """Return whether a verdict is `check_the_log`, by its faults and whether it has effects."""
-    return any(fault.decides or not effects for fault in faults)

@@ -5,26 +5,22 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal
 
 import numpy as np
 from scipy.special import gammaln, stdtrit
 
 from pa10cal.arrays import Array, Mask, take_rows
 from pa10cal.calibration.accuracy import summarise
-from pa10cal.discovery.finding import Finding, name_of
-from pa10cal.discovery.linear import rms
+from pa10cal.discovery.finding import name_of
 from pa10cal.discovery.rules import JUDGING
-from pa10cal.discovery.tuning import FIELD
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.validity import AngleCoverage
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Deviations
 from pa10cal.results.analysis import GapRows, NamingStep
-from pa10cal.results.discovery import Explained, ExplainedEffect, LoadGap, Reduction, SetGap
+from pa10cal.results.discovery import LoadGap, Reduction, SetGap
 from pa10cal.results.evaluation import Accuracy, BeforeAfter
 from pa10cal.terms.effects.effect import Effect
-from pa10cal.terms.field import NO_NAME, Field
 
 
 @dataclass(frozen=True)
@@ -206,8 +202,9 @@ class ErrorsByName:
     """The errors as effects join the calibrated model one by one, the largest first."""
 
     steps: tuple[NamingStep, ...]  # the calibrated model, then with one effect more each
-    # deviations at held-out poses, or else at those fitted, of the model with all effects but one
-    without: Mapping[Effect, Deviations]
+    # deviations of the model with all effects but one, the largest effect first
+    fitted_without: Mapping[Effect, Deviations]  # at the poses fitted
+    held_out_without: Mapping[Effect, Deviations]  # at held-out poses; empty where there are none
 
 
 def errors_by_name(
@@ -254,7 +251,11 @@ def errors_by_name(
         )
         for some, errors in joining
     )
-    return ErrorsByName(steps, {effect: without[effect][-1] for effect in effects})
+    return ErrorsByName(
+        steps,
+        fitted_without={effect: without[effect][0] for effect in effects},
+        held_out_without={effect: without[effect][1] for effect in effects} if holdout else {},
+    )
 
 
 def errors_of(model: FittedModel, poses: Observations, T_moved: Array | None = None) -> Deviations:
@@ -262,89 +263,4 @@ def errors_of(model: FittedModel, poses: Observations, T_moved: Array | None = N
     T_base_ee = model.as_read(poses) if T_moved is None else T_moved @ model.as_read(poses)
     return poses.measured.deviations(
         T_base_ee, model.T_instr_base, model.targets_read_m(poses.states)
-    )
-
-
-# Shares of the error beyond noise.
-#
-# The share of all effects is the decrease of the mean square error over held-out poses, from the
-# calibrated to the exported model, over what the former has beyond noise. It is divided among the
-# effects by the increase without each, all else fitted again: alone, an effect may be masked by
-# another. Errors without one effect count as no larger than those without any.
-
-
-def taken_away(
-    finding: Finding,
-    before_mm: Array,
-    after_mm: Array,
-    weights: Literal["assumed"] | None = None,
-) -> ExplainedEffect:
-    """Return the effect of a finding on errors (P,), its share not yet known."""
-    known = finding.explanations
-    others = (e for e in known.smallest_set if (e.id, e.of) != (finding.id, finding.of))
-    names = {name_of(other): known.of(other) for other in others}
-    here = {name.id: p for name, p in names.items() if name.of == finding.of}
-    elsewhere = {name: p for name, p in names.items() if name.of != finding.of}
-    return ExplainedEffect(
-        ids=(finding.id, *here),
-        of=finding.of,
-        elsewhere=tuple(elsewhere),
-        weights=weights,
-        probability=known.of(finding.effect),
-        others_probability=(*here.values(), *elsewhere.values()),
-        share=0.0,
-        before_mm=rms(before_mm),
-        after_mm=rms(after_mm),
-    )
-
-
-def by_field(by_joint: Array, before_mm: Array, after_mm: Array) -> ExplainedEffect:
-    """Return the effect of a field on errors (P,), by the part (n,) that follows each joint."""
-    joints = {str(k): float(part) for k, part in enumerate(by_joint, start=1)}
-    return ExplainedEffect(
-        ids=(Field.id,),
-        of=NO_NAME,
-        joints={joint: part for joint, part in joints.items() if part >= FIELD.least_joint_part},
-        share=0.0,
-        before_mm=rms(before_mm),
-        after_mm=rms(after_mm),
-    )
-
-
-def explained_by(
-    effects: Sequence[ExplainedEffect],
-    before_mm: float,
-    noise_mm: float,
-    over: Literal["held-out poses", "fitted poses"] = "held-out poses",
-) -> Explained | None:
-    """Return effects with their shares; None where the error is not above noise.
-
-    Args:
-        effects: effects on the errors; after the last, errors are those of the model with all.
-        before_mm: root mean square error of the model without any.
-        noise_mm: root mean square error that noise alone would leave.
-        over: what the poses are.
-    """
-    beyond = before_mm**2 - noise_mm**2
-    least = 1.0 if effects else JUDGING.more_than_noise**2
-    if not beyond > (least - 1.0) * noise_mm**2 or not before_mm > 0.0:
-        return None
-    after_mm = effects[-1].after_mm if effects else before_mm
-    share = float(np.clip((before_mm**2 - after_mm**2) / beyond, 0.0, 1.0))
-    removed = [max(effect.before_mm**2 - effect.after_mm**2, 0.0) for effect in effects]
-    scale = share / sum(removed) if sum(removed) > 0.0 else 0.0
-    entries = [
-        effect.model_copy(
-            update={"share": scale * squares, "before_mm": min(effect.before_mm, before_mm)}
-        )
-        for effect, squares in zip(effects, removed, strict=True)
-    ]
-    return Explained(
-        share=share,
-        of=tuple(sorted(entries, key=lambda entry: -entry.share)),
-        without_a_name=1.0 - share,
-        over=over,
-        before_mm=before_mm,
-        after_mm=after_mm,
-        noise_mm=noise_mm,
     )

@@ -11,11 +11,7 @@ from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
-from scipy.special import chdtri
 
-from pa10cal.arm.description import weights_known
-from pa10cal.arm.statics import PoseStates
-from pa10cal.arrays import Array
 from pa10cal.calibration.health import most_stated
 from pa10cal.calibration.rules import GRADES
 from pa10cal.discovery.field import with_field
@@ -23,25 +19,22 @@ from pa10cal.discovery.finding import Finding, Rival, name_of
 from pa10cal.discovery.linear import mean_error_of_noise_mm
 from pa10cal.discovery.no_harm import harmed, harmless
 from pa10cal.discovery.preparation import Prepared
-from pa10cal.discovery.rules import NAMES, PROBABILITIES
-from pa10cal.discovery.tuning import COMPUTING
-from pa10cal.discovery.verdict import (
-    Scorer,
-    Verdict,
-    in_doubt,
+from pa10cal.discovery.refitted_verdict import (
+    finding_of,
+    fitted_instead,
+    holds_zero,
     instead,
-    is_named,
-    is_sought,
     no_name,
+    unfit,
     with_findings,
     without_names,
 )
+from pa10cal.discovery.rules import NAMES, PROBABILITIES
+from pa10cal.discovery.verdict import Scorer, Verdict, in_doubt, is_named, is_sought
 from pa10cal.fit.fitted import Otherwise
-from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.uncertain_weights import open_unknowns
 from pa10cal.observe.time_order import covariates, measured_again, slow_joints
 from pa10cal.results.discovery import Unexplained
-from pa10cal.results.record import HALF_WIDTH_95
 from pa10cal.terms.effects.arrivals import ArrivalError
 from pa10cal.terms.effects.effect import Effect, turning_joints
 from pa10cal.terms.effects.joint import Backlash, GearRatioError
@@ -105,7 +98,7 @@ def _with_one_kind(found: Verdict[S]) -> Verdict[S]:
     kind are told.
     """
     for effect in [finding.effect for finding in found.effects if is_named(finding.effect)]:
-        finding = _finding_of(found, effect)
+        finding = finding_of(found, effect)
         held = {other.effect for other in found.effects}
         kinds = {other.id for other in found.effects if other.effect != effect}
         known = in_doubt(found, finding).explanations
@@ -117,25 +110,10 @@ def _with_one_kind(found: Verdict[S]) -> Verdict[S]:
     return found
 
 
-def fitted_instead(found: Verdict[S], old: Finding, new: Finding) -> Verdict[S] | None:
-    """Return the verdict with a finding in place of another; None if the new fit rules it out."""
-    # A new fit accepts alternatives of findings only.
-    known = replace(old, alternatives=(new.effect, *old.alternatives))
-    tried = replace(found, findings=instead(found, known))
-    tried = with_findings(tried, instead(found, new, old.effect))
-    now = _finding_of(tried, new.effect)
-    return None if any(unfit(now, tried.model, tried.states)) else tried
-
-
-def _finding_of(found: Verdict, effect: Effect) -> Finding:
-    """Return the finding of an effect as the model fitted last has it."""
-    return next(finding for finding in found.findings if finding.effect == effect)
-
-
 def _with_names_that_pass(found: Verdict[S]) -> Verdict[S]:
     """Return a verdict in which names that fail are replaced by alternatives, or withdrawn."""
     for effect in [finding.effect for finding in found.effects if is_named(finding.effect)]:
-        finding = _finding_of(found, effect)
+        finding = finding_of(found, effect)
         reasons = _reasons_against(found, finding)
         if not reasons:
             found = _robot_in_place_of_instrument(found, finding)
@@ -214,7 +192,7 @@ def _without_unlikely_names(found: Verdict[S]) -> Verdict[S]:
             "what has no name, or something of several effects, explains as much in its place "
             f"(probability {finding.explanations.none_of_these:.2f})"
         )
-        without = without_names(found, {_finding_of(found, finding.effect): why})
+        without = without_names(found, {finding_of(found, finding.effect): why})
         held_out = found.trusted_holdout
         worse_without = not harmed(held_out) and harmed(without.trusted_holdout, held_out)
         if not worse_without or finding.effect.falsifies_readings:
@@ -362,82 +340,6 @@ def with_other_readings(found: Verdict) -> Verdict:
         model = with_field(model, found.predicted.fit)
     model = replace(model, covariance=None)
     return replace(found, otherwise=Otherwise(model, probability))
-
-
-def holds_zero(effect: Effect, model: FittedModel) -> Iterator[str]:
-    """Yield why the amount of an effect of a model is not significantly different from zero.
-
-    Zero is in the 95 % confidence region of its linear parameters, or in the interval of each of
-    them: if only a combination is significant, the poses do not determine the amounts. The scales
-    of three axes are exempt from the latter: only their differences are identifiable.
-    """
-    linear = slice(0, effect.linear)
-    if model.covariance is None:
-        return
-    columns = model.model.columns_of(effect)
-    x, covariance = model.values_of(effect)[linear], model.covariance[columns, columns]
-    covariance = covariance[linear, linear]
-    scale = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
-    white = x / scale
-    square = float(white @ np.linalg.pinv(covariance / np.outer(scale, scale)) @ white)
-    each_counts = type(effect).report is Effect.report and not effect.by_differences
-    if square < chdtri(effect.linear, 1.0 - NAMES.confidence):
-        yield f"it is {np.sqrt(max(square, 0.0)):.1f} standard uncertainties from zero"
-    elif each_counts and np.abs(white).max() < HALF_WIDTH_95:
-        names = ", ".join(each.name for each in effect.reported[linear])
-        yield f"the intervals of its {names} hold zero"
-
-
-def unfit(finding: Finding, model: FittedModel, states: PoseStates | None = None) -> Iterator[str]:
-    """Yield why an effect cannot be named, by the extended model.
-
-    Args:
-        states: poses at which the rotations that it causes must be possible; None for no check.
-    """
-    effect = finding.effect
-    linear = slice(0, effect.linear)
-    x = model.values_of(effect)[linear]
-    if effect.positive and x.min() < 0.0:
-        names = ", ".join(finding.parameters)
-        yield f"its {names} would be negative, which is not physical"
-    if effect.possible is not None:
-        low, high, why = effect.possible
-        value, std = float(finding.x[0]), float(np.sqrt(max(finding.covariance[0, 0], 0.0)))
-        if value + HALF_WIDTH_95 * std < low or value - HALF_WIDTH_95 * std > high:
-            name, unit = effect.reported[0].name, effect.reported[0].unit
-            yield f"its {name} would be {value:.2g} ± {HALF_WIDTH_95 * std:.1g} {unit}: {why}"
-    size = effect.size(x)
-    if size > NAMES.most_sizes and not _has_other_limits(effect, model):
-        yield f"it would be {size:.0f} times as large as is plausible"
-    limit = None if states is None else effect.turn_limit(model.arm.reach_m)
-    if limit is not None and states is not None:
-        yield from _turns_too_far(finding, model.values_of(effect), states, *limit)
-    yield from holds_zero(effect, model)
-    if len(finding.alternatives) > NAMES.most_alternatives:
-        yield f"{len(finding.alternatives)} other effects explain the data as well"
-
-
-def _has_other_limits(effect: Effect, model: FittedModel) -> bool:
-    """Return whether another limit applies to an effect than its plausible size.
-
-    Compliances under weights that are not stated are as uncertain as these: their limit is the
-    rotation that they cause.
-    """
-    by_turn = effect.most_rad is not None and weights_known(model.arm).assumed
-    return effect.possible is not None or by_turn
-
-
-def _turns_too_far(
-    finding: Finding, x: Array, states: PoseStates, most_rad: float, why: str
-) -> Iterator[str]:
-    """Yield that an effect causes larger rotations of joints or links than are possible."""
-    effect = finding.effect
-    value, std = abs(float(finding.x[0])), float(np.sqrt(max(finding.covariance[0, 0], 0.0)))
-    turn_rad = effect.turn_rad(states, x)
-    # The rotation is proportional to the first parameter, or to its inverse, a stiffness.
-    least_rad = turn_rad * max(0.0, 1.0 - HALF_WIDTH_95 * std / max(value, COMPUTING.tiny))
-    if least_rad > most_rad:
-        yield f"it would turn by {1e3 * turn_rad:.0f} mrad: {why}"
 
 
 def _disagreements(found: Verdict) -> Iterator[str]:

@@ -17,7 +17,8 @@ from scipy.special import chdtri
 
 from pa10cal.arrays import Array, Index, Mask
 from pa10cal.discovery.linear import by_every_joint, residual
-from pa10cal.discovery.noise import noise_of_repeats, pose_weights, repeat_groups, whitener_of
+from pa10cal.discovery.noise import noise_of_repeats, repeat_groups, whitener_of
+from pa10cal.discovery.pose_scatter import pose_weights
 from pa10cal.discovery.rules import NOISE, ROWS
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.fitted_model import FittedModel

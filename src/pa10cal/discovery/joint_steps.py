@@ -23,8 +23,8 @@ from pa10cal.discovery.changed import (
     gradual_courses,
     kinds_of_change,
 )
-from pa10cal.discovery.finding import DiagnosedFault
 from pa10cal.discovery.in_time import by_pose_and_time
+from pa10cal.discovery.log_faults import DiagnosedFault
 from pa10cal.discovery.nuisances import Nuisance, between_rows
 from pa10cal.discovery.rules import CHANGE, MOTION
 from pa10cal.fit.fitted_model import FittedModel

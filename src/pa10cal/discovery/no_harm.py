@@ -18,8 +18,9 @@ from pa10cal.calibration.accuracy import summarise
 from pa10cal.discovery.finding import Finding
 from pa10cal.discovery.gap import PairedErrors, fallen_back, trusted
 from pa10cal.discovery.linear import position_noise, residual_and_jacobian
+from pa10cal.discovery.refitted_verdict import without_names
 from pa10cal.discovery.rules import NAMES
-from pa10cal.discovery.verdict import Basis, Scorer, Verdict, is_named, without_names
+from pa10cal.discovery.verdict import Basis, Scorer, Verdict, is_named
 from pa10cal.fit.fitted import FallBack
 from pa10cal.fit.validity import AngleCoverage, nothing_seen, span_visited
 from pa10cal.observe.observations import average_repeats
@@ -139,11 +140,13 @@ def _without_harmful(found: Verdict[S]) -> Verdict[S]:
     tilt of a base on weights that are not stated.
     """
     while len(names := [name for name in found.effects if is_named(name.effect)]) > 1:
+        if (held_out := found.holdout) is None:
+            break
         worse: dict[Finding, BeforeAfter] = {}
         for name in names:
-            without = found.errors_by_name.without[name.effect]
-            gap = None if found.holdout is None else replace(found.holdout, found_before=without)
-            if (gap := trusted(gap, found.prepared.suspected)) is None:
+            without = found.errors_by_name.held_out_without[name.effect]
+            gap = trusted(replace(held_out, found_before=without), found.prepared.suspected)
+            if gap is None:
                 return found
             compared = _compare(gap, np.ones(len(gap.poses), dtype=bool))
             if compared is not None and compared.over and compared.surely:

@@ -1,4 +1,4 @@
-"""Noise of single readings, found from repeats or near poses, and weights of poses by residuals.
+"""Noise of single readings, found from repeats or near poses.
 
 The noise is the pure error: the difference of successive readings of one pose, load and direction
 of arrival. Successive readings are compared, and not readings with their mean, so that slow drifts
@@ -16,7 +16,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.optimize import nnls
 from scipy.spatial import cKDTree
-from scipy.special import chdtri
 
 from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Array, Index, Mask
@@ -360,81 +359,3 @@ def with_torque_noise(
         turned_rad[:, spring.joint - 1] += spring.by_torque(states, at.values_of(spring))
     moved = by_every_joint(at, poses) * (turned_rad * torque_Nm)[:, None, :]
     return replace(noise, cov=noise.cov + moved @ np.swapaxes(moved, 1, 2), torque_Nm=torque_Nm)
-
-
-# Weights of poses.
-#
-# The covariance that the instrument states is scaled to the scatter of the residuals, for each kind
-# of component, as an incomplete model leaves residuals that scatter like noise. A pose far outside
-# that scatter weighs less (Huber); none is omitted.
-
-
-@dataclass(frozen=True)
-class PoseWeights:
-    """Whitening and weights of P poses."""
-
-    whitener: Array  # (P, b, b) makes the residuals of each pose independent and of unit size
-    weight: Array  # (P,) 1, or less far outside the scatter
-
-    def whiteners(self, rows: Index | slice = slice(None)) -> Array:
-        """Return the whiteners of all or some poses, times the square roots of their weights."""
-        return np.asarray(np.sqrt(self.weight[rows])[:, None, None] * self.whitener[rows])
-
-    def widened(self, by: Widening) -> PoseWeights:
-        """Return the weights with the scatter changed by a widening."""
-        if by == AS_FOUND:
-            return self
-        scale = np.full(self.whitener.shape[1], by.attitudes)
-        scale[list(by.positions)] = 1.0
-        return replace(self, whitener=self.whitener * (scale / by.scatter)[:, None])
-
-
-@dataclass(frozen=True)
-class Widening:
-    """Factors on the scatter of components as their median residual gives it."""
-
-    scatter: float = 1.0  # of all components
-    # factor on the root weight of orientations: their errors follow the pose, and do not average
-    # out over many poses
-    attitudes: float = 1.0
-    positions: tuple[int, ...] = ()  # columns of positions
-
-
-AS_FOUND = Widening()
-
-
-def unweighted(measured: Instrument) -> PoseWeights:
-    """Return weights by the covariance that the instrument states."""
-    stated = measured.stated_covariance
-    return PoseWeights(whitener_of(stated), np.ones(len(stated)))
-
-
-def pose_weights(residual: Array, dof: float, measured: Instrument) -> PoseWeights:
-    """Return weights of poses by the residual (P, b) of a model.
-
-    Args:
-        dof: number of parameters fitted, by which residuals are smaller than errors.
-        measured: states the covariance of the components, and which were seen.
-    """
-    stated, seen = measured.stated_covariance, measured.components_seen
-    rows = int(seen.sum())
-    inflate = rows / max(rows - dof, NOISE.least_left_share * rows)
-    covariance = stated.copy()
-    for _, kind in measured.component_kinds:
-        here = seen[:, kind]
-        variance = (
-            inflate * (NOISE.median_to_sigma * np.median(np.abs(residual[:, kind][here]))) ** 2
-        )
-        variances = np.diagonal(stated[:, kind, kind], axis1=1, axis2=2)
-        stated_variance = float(np.median(variances[here]))
-        if variance < stated_variance:
-            shrink = max(np.sqrt(variance / stated_variance), NOISE.least_shrink)
-            covariance[:, kind] *= shrink
-            covariance[:, :, kind] *= shrink
-        else:
-            at = range(residual.shape[1])[kind]
-            covariance[:, at, at] += (variance - stated_variance) * here
-    whitener = whitener_of(covariance)
-    distance = np.linalg.norm((whitener @ residual[:, :, None])[:, :, 0], axis=1)
-    limit = np.sqrt(chdtri(np.maximum(seen.sum(axis=1), 1), NOISE.huber_tail))
-    return PoseWeights(whitener, np.minimum(1.0, limit / np.maximum(distance, limit)))

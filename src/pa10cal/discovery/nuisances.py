@@ -17,7 +17,7 @@ from typing_extensions import override
 
 from pa10cal.arrays import Array
 from pa10cal.discovery import linear
-from pa10cal.discovery.finding import DiagnosedFault
+from pa10cal.discovery.log_faults import DiagnosedFault
 from pa10cal.discovery.rules import BLOCKS, MOTION
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations

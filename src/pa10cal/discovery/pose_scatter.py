@@ -1,7 +1,11 @@
-"""Scatter of single poses about a model: variances of joint positions and of the instrument.
+"""Scatter of single poses about a model, and the weights that it gives them in a fit.
+
+The covariance that the instrument states is scaled to the scatter of the residuals, for each kind
+of component, as an incomplete model leaves residuals that scatter like noise. A pose far outside
+that scatter weighs less (Huber); none is omitted.
 
 A controller stops a joint where friction lets it, some ten microradians from its command; such an
-error moves all components of a pose together. The residuals are split into a variance of each
+error moves all components of a pose together. So residuals are split into a variance of each
 joint's position and one of each kind of component, by maximum likelihood. With the uncertainty of
 the model they give the interval in which a measured pose is expected.
 """
@@ -13,17 +17,102 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import minimize
+from scipy.special import chdtri
 
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, Index
 from pa10cal.discovery.linear import by_joints, position_m
-from pa10cal.discovery.noise import PoseWeights, whitener_of
+from pa10cal.discovery.noise import whitener_of
 from pa10cal.discovery.rules import NOISE
 from pa10cal.discovery.tuning import COMPUTING
 from pa10cal.fit.fitted import TOOL_FRAME
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.forward import Forward
+from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
 from pa10cal.results.record import HALF_WIDTH_95
+
+
+@dataclass(frozen=True)
+class PoseWeights:
+    """Whitening and weights of P poses."""
+
+    whitener: Array  # (P, b, b) makes the residuals of each pose independent and of unit size
+    weight: Array  # (P,) 1, or less far outside the scatter
+
+    def whiteners(self, rows: Index | slice = slice(None)) -> Array:
+        """Return the whiteners of all or some poses, times the square roots of their weights."""
+        return np.asarray(np.sqrt(self.weight[rows])[:, None, None] * self.whitener[rows])
+
+    def widened(self, by: Widening) -> PoseWeights:
+        """Return the weights with the scatter changed by a widening."""
+        if by == AS_FOUND:
+            return self
+        scale = np.full(self.whitener.shape[1], by.attitudes)
+        scale[list(by.positions)] = 1.0
+        return replace(self, whitener=self.whitener * (scale / by.scatter)[:, None])
+
+
+@dataclass(frozen=True)
+class Widening:
+    """Factors on the scatter of components as their median residual gives it."""
+
+    scatter: float = 1.0  # of all components
+    # factor on the root weight of orientations: their errors follow the pose, and do not average
+    # out over many poses
+    attitudes: float = 1.0
+    positions: tuple[int, ...] = ()  # columns of positions
+
+
+AS_FOUND = Widening()
+
+
+def unweighted(measured: Instrument) -> PoseWeights:
+    """Return weights by the covariance that the instrument states."""
+    stated = measured.stated_covariance
+    return PoseWeights(whitener_of(stated), np.ones(len(stated)))
+
+
+def pose_weights(residual: Array, dof: float, measured: Instrument) -> PoseWeights:
+    """Return weights of poses by the residual (P, b) of a model.
+
+    Args:
+        dof: number of parameters fitted, by which residuals are smaller than errors.
+        measured: states the covariance of the components, and which were seen.
+    """
+    stated, seen = measured.stated_covariance, measured.components_seen
+    rows = int(seen.sum())
+    inflate = rows / max(rows - dof, NOISE.least_left_share * rows)
+    covariance = stated.copy()
+    for _, kind in measured.component_kinds:
+        here = seen[:, kind]
+        variance = (
+            inflate * (NOISE.median_to_sigma * np.median(np.abs(residual[:, kind][here]))) ** 2
+        )
+        variances = np.diagonal(stated[:, kind, kind], axis1=1, axis2=2)
+        stated_variance = float(np.median(variances[here]))
+        if variance < stated_variance:
+            shrink = max(np.sqrt(variance / stated_variance), NOISE.least_shrink)
+            covariance[:, kind] *= shrink
+            covariance[:, :, kind] *= shrink
+        else:
+            at = range(residual.shape[1])[kind]
+            covariance[:, at, at] += (variance - stated_variance) * here
+    whitener = whitener_of(covariance)
+    distance = np.linalg.norm((whitener @ residual[:, :, None])[:, :, 0], axis=1)
+    limit = np.sqrt(chdtri(np.maximum(seen.sum(axis=1), 1), NOISE.huber_tail))
+    return PoseWeights(whitener, np.minimum(1.0, limit / np.maximum(distance, limit)))
+
+
+def weights_with_joints(
+    weights: PoseWeights, at: FittedModel, poses: Observations, residual: Array
+) -> PoseWeights:
+    """Return weights of complete poses whose whitener knows what an error of a joint does.
+
+    It moves all components of a pose together: counted one by one, they would show whatever is
+    sought in them too surely. The residual is (P, b).
+    """
+    covariance = scatter_of(at, poses, residual).covariance(at, poses)
+    return replace(weights, whitener=whitener_of(covariance))
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,18 +175,6 @@ def scatter_of(at: FittedModel, poses: Observations, residual: Array) -> PoseDev
     return PoseDeviations(
         std[: at.arm.n], dict(zip(of_kinds, std[at.arm.n :].tolist(), strict=True))
     )
-
-
-def weights_with_joints(
-    weights: PoseWeights, at: FittedModel, poses: Observations, residual: Array
-) -> PoseWeights:
-    """Return weights of complete poses whose whitener knows what an error of a joint does.
-
-    It moves all components of a pose together: counted one by one, they would show whatever is
-    sought in them too surely. The residual is (P, b).
-    """
-    covariance = scatter_of(at, poses, residual).covariance(at, poses)
-    return replace(weights, whitener=whitener_of(covariance))
 
 
 def share_inside(

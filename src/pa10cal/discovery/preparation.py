@@ -15,7 +15,8 @@ from pa10cal.arm.statics import Payload, PoseStates
 from pa10cal.arrays import Array, Mask
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.description import CampaignDescription
-from pa10cal.discovery.finding import DiagnosedFault, Untestable, faults_of_input
+from pa10cal.discovery.finding import Untestable
+from pa10cal.discovery.log_faults import DiagnosedFault, faults_of_input
 from pa10cal.discovery.row_faults import held_out_faults, row_faults
 from pa10cal.discovery.rules import CANDIDATES
 from pa10cal.errors import CalibrationError

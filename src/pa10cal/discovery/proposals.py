@@ -7,8 +7,8 @@ from dataclasses import replace
 from functools import partial
 from typing import TypeVar
 
-from pa10cal.discovery.gates import fitted_instead
 from pa10cal.discovery.no_harm import harmless
+from pa10cal.discovery.refitted_verdict import fitted_instead
 from pa10cal.discovery.rules import CANDIDATES
 from pa10cal.discovery.short_forms import FormulaProposal, choose
 from pa10cal.discovery.tuning import FORMS

@@ -17,7 +17,6 @@ import numpy as np
 
 from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Array, Mask
-from pa10cal.discovery.finding import DiagnosedFault
 from pa10cal.discovery.gross_errors import (
     GrossErrors,
     above_noise,
@@ -27,12 +26,12 @@ from pa10cal.discovery.gross_errors import (
     times_usual,
 )
 from pa10cal.discovery.linear import residual
+from pa10cal.discovery.log_faults import DiagnosedFault, fault_of_pose
 from pa10cal.discovery.rules import NOISE, ROWS
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import TorqueSource, statics_of, with_torques
 from pa10cal.fit.tails import far_from_prediction
 from pa10cal.observe.observations import Observations
-from pa10cal.results.calibration import InputFinding
 from pa10cal.results.record import FaultKind
 
 
@@ -59,7 +58,7 @@ def row_faults(
     for pose, (off_mm, times) in poses_off(readings.take(~excluded), model).items():
         excluded |= readings.pose == pose
         what = f"all its readings are {off_mm:.3g} mm off, {times:.3g} times as far as is usual"
-        faults.append(_outlier(pose, what, None, decides=False))
+        faults.append(fault_of_pose(pose, what, None, decides=False))
     return RowFaults(excluded, tuple(faults))
 
 
@@ -74,34 +73,6 @@ def held_out_faults(held_out: Observations, model: FittedModel, fitted: Observat
     off_mm = position_mm(held_out, of_model)
     gross = GrossErrors(far, far, times_usual(white, held_out), off_mm)
     return RowFaults(far, tuple(_reading_faults(held_out, model, gross, "held out, ")))
-
-
-def of_wrong_row(finding: InputFinding) -> DiagnosedFault:
-    """Return the fault of a configuration that was quarantined when the files were read."""
-    kind: FaultKind = "label" if finding.kind == "target_label" else "outlier"
-    return DiagnosedFault(
-        kind=kind,
-        where=finding.where,
-        what=finding.what,
-        remedy=finding.remedy,
-        decides=kind == "label",
-    )
-
-
-def influential_pose(pose: str, name: str, gain: float | None) -> DiagnosedFault:
-    """Return the fault of the one pose on which the evidence of an effect rests."""
-    what = (
-        f"without this pose there is no evidence of {name}: one pose cannot show an effect of all"
-    )
-    return _outlier(pose, what, gain, decides=True)
-
-
-def _outlier(pose: str, what: str, gain: float | None, *, decides: bool) -> DiagnosedFault:
-    remedy = "check the readings of this pose: joints, load, labels"
-    where = f"pose {pose}"
-    return DiagnosedFault(
-        kind="outlier", where=where, what=what, remedy=remedy, gain=gain, decides=decides
-    )
 
 
 def _load_faults(readings: Observations, true_N: Array, gain: Array) -> Iterator[DiagnosedFault]:

@@ -1,7 +1,7 @@
 """The verdict: effects found, unexplained parts of the error, and the model with the effects.
 
 A verdict rests on a `Basis`; where effects were sought that is a `Scorer`, which can fit the model
-again with other effects. Functions at the end return verdicts with other findings.
+again with other effects (`discovery.refitted_verdict`).
 """
 
 from __future__ import annotations
@@ -20,26 +20,12 @@ from pa10cal.arm.description import weights_known
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.calibration.rules import GRADES
+from pa10cal.discovery.explained import ErrorsOfModels, explained_errors
 from pa10cal.discovery.field import FieldFit, with_field
-from pa10cal.discovery.finding import (
-    DiagnosedFault,
-    Finding,
-    GivesWay,
-    Untestable,
-    fault_of,
-    name_of,
-    to_check,
-)
-from pa10cal.discovery.gap import (
-    ErrorsByName,
-    PairedErrors,
-    by_field,
-    errors_by_name,
-    explained_by,
-    taken_away,
-    trusted,
-)
-from pa10cal.discovery.linear import ModelWithEffects, rms
+from pa10cal.discovery.finding import Finding, GivesWay, Untestable, name_of
+from pa10cal.discovery.gap import ErrorsByName, PairedErrors, errors_by_name, trusted
+from pa10cal.discovery.linear import ModelWithEffects
+from pa10cal.discovery.log_faults import DiagnosedFault, fault_of, to_check
 from pa10cal.discovery.pose_scatter import PoseDeviations
 from pa10cal.discovery.preparation import Prepared
 from pa10cal.discovery.rules import PROBABILITIES
@@ -439,37 +425,35 @@ class Verdict(Generic[S]):
         """Return the part of the error that each effect explains.
 
         None where effects were not sought, or none is missing. It is computed at held-out poses
-        without a suspected reading, or at the poses fitted where none were held out. Springs under
+        without a suspected reading, or at the poses fitted where there are none. Springs under
         weights that are not stated are in the calibrated model already: errors before are those of
         the geometry alone.
         """
         nothing = not (self.effects or self.unexplained or self.faults or self.predicted)
         if (self.method is None or nothing) and not self.gives_way:
             return None
+        of_names, suspected = self.predicted or self, self.prepared.suspected
+        errors, rows = self.errors_by_name, slice(None) if suspected is None else ~suspected
         over: Literal["held-out poses", "fitted poses"] = "held-out poses"
-        gap, suspected = self.holdout, self.prepared.suspected
-        if gap is None:
-            gap, suspected, over = self.train, None, "fitted poses"
-        rows = np.ones(len(gap.poses), dtype=bool) if suspected is None else ~suspected
-        if not rows.any():
-            return None
-        by_names = self.predicted or self
-        named = by_names.train if by_names.holdout is None else by_names.holdout
-        effects, after_mm = [], named.found_after.distance_mm[rows]
-        before_mm = rms(gap.found_before.distance_mm[rows])
-        for spring in self.gives_way:
-            proof, assumed = spring.proof, spring.proof.weights in ("assumed", "total")
-            without_mm = proof.without_each_mm
-            effects.append(taken_away(spring, without_mm, after_mm, "assumed" if assumed else None))
-            # The model with rigid joints has the effects; without them its error is no less.
-            before_mm = max(before_mm, rms(proof.all_rigid_each_mm))
+        gap, named, without = self.holdout, of_names.holdout, errors.held_out_without
+        if self.trusted_holdout is None:
+            over, rows = "fitted poses", slice(None)
+            gap, named, without = self.train, of_names.train, errors.fitted_without
+        assert gap is not None
+        assert named is not None
         findings = {finding.effect: finding for finding in self.findings}
-        for effect, without in self.errors_by_name.without.items():
-            effects.append(taken_away(findings[effect], without.distance_mm[rows], after_mm))
-        if self.predicted is not None:
-            with_it_mm = gap.found_after.distance_mm[rows]
-            effects.append(by_field(self.predicted.fit.by_joint, after_mm, with_it_mm))
-        return explained_by(effects, before_mm, gap.noise_rms_mm, over)
+        return explained_errors(
+            ErrorsOfModels(
+                over=over,
+                noise_mm=gap.noise_rms_mm,
+                calibrated_mm=gap.found_before.distance_mm[rows],
+                named_mm=named.found_after.distance_mm[rows],
+                exported_mm=gap.found_after.distance_mm[rows],
+                without_mm={findings[e]: found.distance_mm[rows] for e, found in without.items()},
+            ),
+            self.gives_way,
+            None if self.predicted is None else self.predicted.fit.by_joint,
+        )
 
 
 def is_sought(found: Verdict) -> TypeIs[Verdict[Scorer]]:
@@ -483,60 +467,7 @@ def label_of(effect: Effect, rival: Effect | None) -> str:
     return name if rival is None else f"{name} or {rival.id} of {rival.of}"
 
 
-K = TypeVar("K", bound=Scorer)
 F = TypeVar("F", bound=Finding)
-
-
-# Verdicts with other findings than those of the search: the model is fitted again.
-
-
-def with_findings(found: Verdict[K], findings: Sequence[Finding]) -> Verdict[K]:
-    """Return a verdict with these findings and their parameters, the model fitted again.
-
-    Args:
-        found: the verdict.
-        findings: some of its findings, each with its own effect or one of its alternatives.
-    """
-    scorer = found.scorer.refitted(tuple(each.effect for each in findings), found.findings)
-    held_out = found.prepared.held_out
-    reported = [scorer.extended.reported(each.effect, scorer.covariance) for each in findings]
-    return replace(
-        found,
-        scorer=scorer,
-        findings=tuple(
-            replace(each, x=x, covariance=covariance)
-            for each, (x, covariance) in zip(findings, reported, strict=True)
-        ),
-        train=scorer.gap_on(scorer.fitted_poses(found.prepared), found.train),
-        holdout=None if held_out is None else scorer.gap_on(held_out, found.holdout),
-    )
-
-
-def instead(found: Verdict, finding: Finding, effect: Effect | None = None) -> tuple[Finding, ...]:
-    """Return the findings, one of them replaced: that of `effect`, by default of the new one's."""
-    effect = effect or finding.effect
-    return tuple(finding if one.effect == effect else one for one in found.findings)
-
-
-def without_names(
-    found: Verdict[K], reasons: Mapping[Finding, str], left_mm: float | None = None
-) -> Verdict[K]:
-    """Return a verdict without some names, which become unexplained parts for the reasons given.
-
-    The model is fitted again. `left_mm` is the mean error reported of these parts; None for that of
-    the new fit.
-    """
-    gone = [finding.effect for finding in reasons]
-    found = with_findings(found, [one for one in found.findings if one.effect not in gone])
-    left_mm = found.train.after.mean_mm if left_mm is None else left_mm
-    unknown = (no_name(finding, left_mm, why) for finding, why in reasons.items())
-    return replace(found, unexplained=(*found.unexplained, *unknown))
-
-
-def no_name(finding: Finding, left_mm: float, why: str) -> Unexplained:
-    """Return a finding that is not named as an unexplained part, with the mean error without it."""
-    said = f"{label_of(finding.effect, None)} fits best, but is not named: {why}"
-    return Unexplained(of=finding.of, form=finding.id, shared_error_mm=left_mm, why=said)
 
 
 # Probabilities, and the word of a verdict.

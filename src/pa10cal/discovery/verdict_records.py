@@ -9,7 +9,8 @@ import numpy as np
 
 from pa10cal.calibration.two_level_problem import report_base
 from pa10cal.calibration.uncertainty import reported_keys
-from pa10cal.discovery.finding import name_of, steps_told, with_a_name
+from pa10cal.discovery.finding import name_of, with_a_name
+from pa10cal.discovery.log_faults import steps_told
 from pa10cal.discovery.rules import JUDGING, decisions
 from pa10cal.discovery.verdict import NOTHING_PLANNED, Plan, Verdict
 from pa10cal.fit.fitted_model import FittedModel, model_to_plain

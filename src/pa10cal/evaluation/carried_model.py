@@ -18,12 +18,12 @@ from pa10cal.arm.chain import BASE
 from pa10cal.arrays import Array
 from pa10cal.calibration.accuracy import summarise
 from pa10cal.calibration.general.refit_frames import refit_frames, with_tool_of
-from pa10cal.discovery.finding import steps_told
 from pa10cal.discovery.in_time import in_time_of
 from pa10cal.discovery.linear import residual, with_base_term
-from pa10cal.discovery.noise import pose_weights, same_circumstances
+from pa10cal.discovery.log_faults import steps_told
+from pa10cal.discovery.noise import same_circumstances
 from pa10cal.discovery.nuisances import steps_in_time
-from pa10cal.discovery.pose_scatter import weights_with_joints
+from pa10cal.discovery.pose_scatter import pose_weights, weights_with_joints
 from pa10cal.discovery.preparation import MeasurementSetup, complete, context_of, sought
 from pa10cal.evaluation.model_errors import poses_for_model
 from pa10cal.fit.fitted_model import FittedModel

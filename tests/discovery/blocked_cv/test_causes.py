@@ -11,7 +11,7 @@ from pa10cal.discovery.blocked_cv import by_blocks, map_causes
 from pa10cal.discovery.blocked_cv.bands import in_bands
 from pa10cal.discovery.blocked_cv.block_rows import ShapedEffect, weighted_rows
 from pa10cal.discovery.blocked_cv.linear_fit import linear_fit
-from pa10cal.discovery.verdict import with_findings
+from pa10cal.discovery.refitted_verdict import with_findings
 from pa10cal.discovery.verdict_records import verdict_keys, verdict_record
 from pa10cal.fit.fitted_model import model_from_plain, model_to_plain
 from pa10cal.stages.discover import verdict_lines

@@ -10,7 +10,7 @@ from pa10cal.discovery.blocked_cv.other_baselines import with_tilts_shown
 from pa10cal.discovery.blocked_cv.refit import PartialFits, determined_count, refit
 from pa10cal.discovery.given import calibrate_with_effects
 from pa10cal.discovery.linear import at_unknowns, moved_base, residual
-from pa10cal.discovery.noise import unweighted
+from pa10cal.discovery.pose_scatter import unweighted
 from pa10cal.options import Tolerances
 from pa10cal.terms.effects.joint import EncoderEccentricity, JointCompliance, SoftWindup
 from pa10cal.terms.effects.joint_error_map import FadingPrior, JointErrorMap

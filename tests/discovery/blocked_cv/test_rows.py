@@ -21,7 +21,7 @@ from pa10cal.discovery.blocked_cv.normal_equations import (
 from pa10cal.discovery.blocked_cv.search import Search
 from pa10cal.discovery.blocked_cv.survey import Survey, consecutive_blocks
 from pa10cal.discovery.linear import by_joints, by_terms, residual, with_base_term
-from pa10cal.discovery.noise import unweighted
+from pa10cal.discovery.pose_scatter import unweighted
 from pa10cal.discovery.preparation import Prepared
 from pa10cal.discovery.rules import BLOCKS
 from pa10cal.fit.fitted_model import FittedModel

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pa10cal.discovery.finding import Finding
-from pa10cal.discovery.gates import unfit
+from pa10cal.discovery.refitted_verdict import unfit
 from pa10cal.files.arms import load_arm
 from pa10cal.terms import effects
 from pa10cal.terms.effects.effect import AtJoint, Effect, candidates, every_effect

@@ -26,7 +26,7 @@ from pa10cal.discovery.blocked_cv.linear_fit import (
 )
 from pa10cal.discovery.blocked_cv.normal_equations import ByKind, in_map_bases, summed
 from pa10cal.discovery.linear import standard_error
-from pa10cal.discovery.noise import Widening
+from pa10cal.discovery.pose_scatter import Widening
 from pa10cal.discovery.rules import BLOCKS, MAPS
 from pa10cal.discovery.tuning import COMPUTING
 from pa10cal.numerics.gaussian import Gaussian

@@ -24,7 +24,8 @@ from pa10cal.discovery.blocked_cv.normal_equations import (
     solve,
 )
 from pa10cal.discovery.blocked_cv.survey import Survey
-from pa10cal.discovery.noise import Noise, PoseWeights, pose_weights, unweighted
+from pa10cal.discovery.noise import Noise
+from pa10cal.discovery.pose_scatter import PoseWeights, pose_weights, unweighted
 from pa10cal.discovery.rules import BLOCKS, MAPS
 from pa10cal.discovery.tuning import COMPUTING
 from pa10cal.fit.fitted_model import FittedModel

@@ -36,16 +36,17 @@ from pa10cal.discovery.next_poses import (
     separating_poses,
     unresolved_pairs,
 )
-from pa10cal.discovery.noise import AS_FOUND, Noise
+from pa10cal.discovery.noise import Noise
 from pa10cal.discovery.nuisances import motion_unexplained, steps_in_time
-from pa10cal.discovery.pose_scatter import PoseDeviations, scatter_of, share_inside
+from pa10cal.discovery.pose_scatter import AS_FOUND, PoseDeviations, scatter_of, share_inside
 from pa10cal.discovery.preparation import Prepared, complete
+from pa10cal.discovery.refitted_verdict import with_findings
 from pa10cal.discovery.rules import BLOCKS, NAMES, PROBABILITIES
 from pa10cal.discovery.separation import without_repeats
 from pa10cal.discovery.short_forms import FormComparison
 from pa10cal.discovery.together import Together
 from pa10cal.discovery.tuning import NEXT_POSES
-from pa10cal.discovery.verdict import Plan, Scorer, Verdict, with_findings
+from pa10cal.discovery.verdict import Plan, Scorer, Verdict
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.problem import possible_sizes

@@ -17,7 +17,7 @@ from pa10cal.calibration.general.calibrate import shown
 from pa10cal.discovery import linear
 from pa10cal.discovery.blocked_cv.refit import Refit, refit
 from pa10cal.discovery.blocked_cv.survey import Survey
-from pa10cal.discovery.noise import PoseWeights
+from pa10cal.discovery.pose_scatter import PoseWeights
 from pa10cal.discovery.preparation import Prepared
 from pa10cal.discovery.together import Scored, Together
 from pa10cal.fit.fitted_model import FittedModel

@@ -41,9 +41,8 @@ from pa10cal.discovery.finding import Untestable
 from pa10cal.discovery.in_time import in_time_of
 from pa10cal.discovery.joint_steps import JointSteps, joint_steps_of
 from pa10cal.discovery.linear import WhitenedPoses
-from pa10cal.discovery.noise import AS_FOUND, PoseWeights
 from pa10cal.discovery.nuisances import NO_MOTION, TimeFindings
-from pa10cal.discovery.pose_scatter import weights_with_joints
+from pa10cal.discovery.pose_scatter import AS_FOUND, PoseWeights, weights_with_joints
 from pa10cal.discovery.preparation import sought
 from pa10cal.discovery.residual_candidates import gear_lines, warm_ups_shown, wobbles
 from pa10cal.discovery.rules import LINES, MAPS

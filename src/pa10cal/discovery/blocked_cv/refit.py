@@ -23,7 +23,7 @@ from pa10cal.discovery.blocked_cv.normal_equations import (
     normal_equations_of,
 )
 from pa10cal.discovery.blocked_cv.survey import Survey
-from pa10cal.discovery.noise import AS_FOUND, PoseWeights, Widening, pose_weights
+from pa10cal.discovery.pose_scatter import AS_FOUND, PoseWeights, Widening, pose_weights
 from pa10cal.discovery.rules import BLOCKS
 from pa10cal.discovery.tuning import COMPUTING
 from pa10cal.fit.fitted_model import FittedModel

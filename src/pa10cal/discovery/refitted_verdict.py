@@ -1,0 +1,164 @@
+"""Verdicts with other findings: the model is fitted again, and its effects are checked anew."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import TypeVar
+
+import numpy as np
+from scipy.special import chdtri
+
+from pa10cal.arm.description import weights_known
+from pa10cal.arm.statics import PoseStates
+from pa10cal.arrays import Array
+from pa10cal.discovery.finding import Finding
+from pa10cal.discovery.rules import NAMES
+from pa10cal.discovery.tuning import COMPUTING
+from pa10cal.discovery.verdict import Scorer, Verdict, label_of
+from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.results.discovery import Unexplained
+from pa10cal.results.record import HALF_WIDTH_95
+from pa10cal.terms.effects.effect import Effect
+
+S = TypeVar("S", bound=Scorer)
+
+
+def with_findings(found: Verdict[S], findings: Sequence[Finding]) -> Verdict[S]:
+    """Return a verdict with these findings and their parameters, the model fitted again.
+
+    Args:
+        found: the verdict.
+        findings: some of its findings, each with its own effect or one of its alternatives.
+    """
+    scorer = found.scorer.refitted(tuple(each.effect for each in findings), found.findings)
+    held_out = found.prepared.held_out
+    reported = [scorer.extended.reported(each.effect, scorer.covariance) for each in findings]
+    return replace(
+        found,
+        scorer=scorer,
+        findings=tuple(
+            replace(each, x=x, covariance=covariance)
+            for each, (x, covariance) in zip(findings, reported, strict=True)
+        ),
+        train=scorer.gap_on(scorer.fitted_poses(found.prepared), found.train),
+        holdout=None if held_out is None else scorer.gap_on(held_out, found.holdout),
+    )
+
+
+def without_names(
+    found: Verdict[S], reasons: Mapping[Finding, str], left_mm: float | None = None
+) -> Verdict[S]:
+    """Return a verdict without some names, which become unexplained parts for the reasons given.
+
+    The model is fitted again. `left_mm` is the mean error reported of these parts; None for that of
+    the new fit.
+    """
+    gone = [finding.effect for finding in reasons]
+    found = with_findings(found, [one for one in found.findings if one.effect not in gone])
+    left_mm = found.train.after.mean_mm if left_mm is None else left_mm
+    unknown = (no_name(finding, left_mm, why) for finding, why in reasons.items())
+    return replace(found, unexplained=(*found.unexplained, *unknown))
+
+
+def no_name(finding: Finding, left_mm: float, why: str) -> Unexplained:
+    """Return a finding that is not named as an unexplained part, with the mean error without it."""
+    said = f"{label_of(finding.effect, None)} fits best, but is not named: {why}"
+    return Unexplained(of=finding.of, form=finding.id, shared_error_mm=left_mm, why=said)
+
+
+def instead(found: Verdict, finding: Finding, effect: Effect | None = None) -> tuple[Finding, ...]:
+    """Return the findings, one of them replaced: that of `effect`, by default of the new one's."""
+    effect = effect or finding.effect
+    return tuple(finding if one.effect == effect else one for one in found.findings)
+
+
+def fitted_instead(found: Verdict[S], old: Finding, new: Finding) -> Verdict[S] | None:
+    """Return the verdict with a finding in place of another; None if the new fit rules it out."""
+    # A new fit accepts alternatives of findings only.
+    known = replace(old, alternatives=(new.effect, *old.alternatives))
+    tried = replace(found, findings=instead(found, known))
+    tried = with_findings(tried, instead(found, new, old.effect))
+    now = finding_of(tried, new.effect)
+    return None if any(unfit(now, tried.model, tried.states)) else tried
+
+
+def finding_of(found: Verdict, effect: Effect) -> Finding:
+    """Return the finding of an effect as the model fitted last has it."""
+    return next(finding for finding in found.findings if finding.effect == effect)
+
+
+def unfit(finding: Finding, model: FittedModel, states: PoseStates | None = None) -> Iterator[str]:
+    """Yield why an effect cannot be named, by the extended model.
+
+    Args:
+        states: poses at which the rotations that it causes must be possible; None for no check.
+    """
+    effect = finding.effect
+    linear = slice(0, effect.linear)
+    x = model.values_of(effect)[linear]
+    if effect.positive and x.min() < 0.0:
+        names = ", ".join(finding.parameters)
+        yield f"its {names} would be negative, which is not physical"
+    if effect.possible is not None:
+        low, high, why = effect.possible
+        value, std = float(finding.x[0]), float(np.sqrt(max(finding.covariance[0, 0], 0.0)))
+        if value + HALF_WIDTH_95 * std < low or value - HALF_WIDTH_95 * std > high:
+            name, unit = effect.reported[0].name, effect.reported[0].unit
+            yield f"its {name} would be {value:.2g} ± {HALF_WIDTH_95 * std:.1g} {unit}: {why}"
+    size = effect.size(x)
+    if size > NAMES.most_sizes and not _has_other_limits(effect, model):
+        yield f"it would be {size:.0f} times as large as is plausible"
+    limit = None if states is None else effect.turn_limit(model.arm.reach_m)
+    if limit is not None and states is not None:
+        yield from _turns_too_far(finding, model.values_of(effect), states, *limit)
+    yield from holds_zero(effect, model)
+    if len(finding.alternatives) > NAMES.most_alternatives:
+        yield f"{len(finding.alternatives)} other effects explain the data as well"
+
+
+def _has_other_limits(effect: Effect, model: FittedModel) -> bool:
+    """Return whether another limit applies to an effect than its plausible size.
+
+    Compliances under weights that are not stated are as uncertain as these: their limit is the
+    rotation that they cause.
+    """
+    by_turn = effect.most_rad is not None and weights_known(model.arm).assumed
+    return effect.possible is not None or by_turn
+
+
+def _turns_too_far(
+    finding: Finding, x: Array, states: PoseStates, most_rad: float, why: str
+) -> Iterator[str]:
+    """Yield that an effect causes larger rotations of joints or links than are possible."""
+    effect = finding.effect
+    value, std = abs(float(finding.x[0])), float(np.sqrt(max(finding.covariance[0, 0], 0.0)))
+    turn_rad = effect.turn_rad(states, x)
+    # The rotation is proportional to the first parameter, or to its inverse, a stiffness.
+    least_rad = turn_rad * max(0.0, 1.0 - HALF_WIDTH_95 * std / max(value, COMPUTING.tiny))
+    if least_rad > most_rad:
+        yield f"it would turn by {1e3 * turn_rad:.0f} mrad: {why}"
+
+
+def holds_zero(effect: Effect, model: FittedModel) -> Iterator[str]:
+    """Yield why the amount of an effect of a model is not significantly different from zero.
+
+    Zero is in the 95 % confidence region of its linear parameters, or in the interval of each of
+    them: if only a combination is significant, the poses do not determine the amounts. The scales
+    of three axes are exempt from the latter: only their differences are identifiable.
+    """
+    linear = slice(0, effect.linear)
+    if model.covariance is None:
+        return
+    columns = model.model.columns_of(effect)
+    x, covariance = model.values_of(effect)[linear], model.covariance[columns, columns]
+    covariance = covariance[linear, linear]
+    scale = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
+    white = x / scale
+    square = float(white @ np.linalg.pinv(covariance / np.outer(scale, scale)) @ white)
+    each_counts = type(effect).report is Effect.report and not effect.by_differences
+    if square < chdtri(effect.linear, 1.0 - NAMES.confidence):
+        yield f"it is {np.sqrt(max(square, 0.0)):.1f} standard uncertainties from zero"
+    elif each_counts and np.abs(white).max() < HALF_WIDTH_95:
+        names = ", ".join(each.name for each in effect.reported[linear])
+        yield f"the intervals of its {names} hold zero"
