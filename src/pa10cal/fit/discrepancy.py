@@ -213,13 +213,16 @@ def _trust(measured: Instrument, white: Array) -> Array:
 def _prior_about(expected: GaussianPrior, x: Array, own: Index, sizes: Array) -> Gaussian:
     """Return a prior of parameters as one of their deviations from x (k,), over sizes (u,).
 
-    The first of the u unknowns are the parameters `own`; the prior says nothing of the others.
+    The first of the u unknowns are the parameters `own`. The prior is one of the first parameters
+    of x, those of the arm, and says nothing of the others, such as those of the tool.
     """
-    size = np.zeros(len(sizes))
-    size[: len(own)] = sizes[: len(own)]
-    at = np.append(own, np.zeros(len(sizes) - len(own), np.intp))  # of others the size is 0
-    off = expected.precision @ (x - expected.mean)
-    return Gaussian.of_products(expected.precision[np.ix_(at, at)], off[at]).in_sizes(size)
+    count = len(expected.mean)
+    known = np.append(own < count, np.zeros(len(sizes) - len(own), bool))
+    at = np.zeros(len(sizes), np.intp)  # of others the size is 0
+    at[known] = own[own < count]
+    off = expected.precision @ (x[:count] - expected.mean)
+    gaussian = Gaussian.of_products(expected.precision[np.ix_(at, at)], off[at])
+    return gaussian.in_sizes(np.where(known, sizes, 0.0))
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,7 +16,7 @@ from calibrated import general
 from changed_arm import Change, draw_changed, plan_of
 from made_up_model import fitted_to
 from pa10cal.calibration.general.calibrate import find_start
-from pa10cal.calibration.general.case import fitted
+from pa10cal.calibration.general.case import fitted, with_discrepancy
 from pa10cal.calibration.general.other_campaign import calibrate_from, prior_of, refuse_unsound
 from pa10cal.discovery.discover import discover
 from pa10cal.discovery.preparation import MeasurementSetup
@@ -72,6 +72,13 @@ def test_base_and_tool_are_found_anew_and_nothing_else_moved(arms, kind):
     assert found.prior.moved == ()
     assert found.prior.factor == 1.0
     assert error_mm(found, exact) < 0.08
+
+
+def test_what_a_model_lacks_is_estimated_with_a_tool_of_which_the_prior_says_nothing(arms):
+    model, seen, payload, _ = arms("pose", Change(place=True))
+    poses = seen.take(slice(30))
+    lacks = with_discrepancy(from_prior(model, poses, payload)).discrepancy
+    assert np.all(lacks.error_at_mm(poses.states.q_rad) < 0.1)
 
 
 @pytest.mark.slow_but_one_in(4)
