@@ -15,7 +15,7 @@ from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.description import read_description
 from pa10cal.campaign.table import read_observations
 from pa10cal.commands.command_line import main
-from pa10cal.errors import CalibrationError, RawDataError, SettingsError
+from pa10cal.errors import CalibrationError, Pa10calError, RawDataError, SettingsError
 from pa10cal.settings import parse_settings
 
 MIXED = ("pose", "points", "distance")
@@ -50,6 +50,12 @@ def test_a_group_is_read_calibrated_and_predicts(folders):
     errors = model.deviations(model.as_modelled(group.observations)).distance_mm
     assert np.sqrt(np.mean(errors**2)) < 0.03
     assert model.predict(np.zeros(6), frame="tool").T.shape == (1, 4, 4)
+
+
+def test_arms_of_a_group_may_be_described_elsewhere(folders, tmp_path):
+    (tmp_path / "ur10.yaml").write_text("robot: [")
+    with pytest.raises(Pa10calError, match=r"ur10\.yaml"):
+        pa10cal.read_group(folders[:2], "ur10", arms=tmp_path)
 
 
 def test_each_campaign_is_checked_alone(folders):

@@ -150,6 +150,22 @@ def test_poses_to_which_the_arm_came_again_are_joined_by_row(tmp_path):
     )
 
 
+@pytest.mark.parametrize(("joint_rows", "reading_rows"), [([7], [6]), ([9], []), ([], [4, 5])])
+def test_a_row_that_cannot_be_read_moves_no_other_row(tmp_path, joint_rows, reading_rows):
+    """Joined by row, each reading has the joints of its own row, or none."""
+    logs = two_logs(tmp_path, 5, dense=False)
+    logs.readings = logs.readings.drop(columns="Zeitstempel").astype(object)
+    logs.joints = logs.joints.astype(object)
+    logs.joints.iloc[joint_rows, 1] = "lost"
+    logs.readings.iloc[reading_rows, 0] = "lost"
+    found = read_with(tmp_path, logs)
+    kept = np.setdiff1d(np.arange(len(logs.q_rad)), joint_rows + reading_rows)
+    np.testing.assert_allclose(found.observations.states.q_rad, logs.q_rad[kept], atol=2e-4)
+    reasons = [row.reason for row in found.quarantined]
+    assert reasons.count("not a finite number") == len(joint_rows) + len(reading_rows)
+    assert reasons.count("the log of the joints has no such row") == len(joint_rows)
+
+
 def test_a_line_is_excluded_of_the_file_that_is_named(tmp_path):
     logs = two_logs(tmp_path, 5, dense=False)
     exclude = [{"where": "tracker.csv:12", "why": "bumped"}]

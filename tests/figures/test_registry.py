@@ -2,11 +2,13 @@
 
 import re
 import textwrap
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 
 import pytest
 
+from pa10cal.command_settings import PictureOptions
 from pa10cal.figures.draw import draw_all, of_campaign, summary
 from pa10cal.figures.registry import ELSEWHERE, FOLDERS, NEEDS, entries, picture
 from pa10cal.reports.page import SECTIONS
@@ -100,3 +102,13 @@ class TestAll:
         assert drawn.omitted["where_torque"] == why
         assert f"where_torque: omitted, {why}" in summary(drawn)
         assert why in (tmp_path / "pictures.json").read_text("utf-8")
+
+    def test_a_plane_that_is_not_there_takes_only_its_pictures_away(
+        self, results, tmp_path, monkeypatch
+    ):
+        monkeypatch.setattr("pa10cal.figures.draw._write", lambda *_: None)
+        settings = PictureOptions.model_validate({"montecarlo": {"planes_mm": [300, 900]}})
+        source = of_campaign(replace(results, settings=settings))
+        drawn = draw_all(source, tmp_path, settings.figures)
+        assert drawn.omitted["montecarlo_planes"] == "there is no montecarlo/z900.json"
+        assert "fig5_before_after" in drawn.drawn

@@ -148,7 +148,7 @@ def find_shift(readings: ReadingsAtStations, station: Index) -> Shift | None:
 
     `station` (N,) is that of each reading as joined, -1 for none.
     """
-    rows = np.flatnonzero(station >= 0)
+    rows = np.flatnonzero((station >= 0) & readings.usable)
     count = len(rows)
     misfits_m = None if count < 4 * _LEAST_SHIFTED else _misfits(readings, rows, station[rows])
     if misfits_m is None:

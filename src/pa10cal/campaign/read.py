@@ -298,7 +298,11 @@ def repeatability_mm(single: Observations) -> dict[float, float]:
 
 
 def read_group(
-    folders: Sequence[Path | str], name: str = "group", options: IngestOptions | None = None
+    folders: Sequence[Path | str],
+    name: str = "group",
+    options: IngestOptions | None = None,
+    *,
+    arms: Path | str | None = None,
 ) -> Campaign:
     """Read several measurement campaigns of one robot as one.
 
@@ -310,13 +314,14 @@ def read_group(
             of the target.
         name: of the group.
         options: how to ingest; None for the defaults.
+        arms: folder of arm descriptions; None for `arms` beside each campaign's folder.
 
     Raises:
         RawDataError: when one cannot be used (see `read_campaign`), they are fewer than two or of
             several robots, or names are not apart.
         CalibrationError: when the poses of one do not determine its base and targets.
     """
-    read = [read_campaign(folder, options) for folder in folders]
+    read = [read_campaign(folder, options, arms=arms) for folder in folders]
     description = describe_group(name, [(each.description, each.arm) for each in read])
     placed = []
     for each in read:

@@ -136,11 +136,14 @@ def draw_all(source: Source, out: Path, settings: FigureOptions) -> PicturesReco
 
 def _why_not(results: ResultsBundle, need: str) -> str | None:
     """Say why a need of a picture is not met, None where it is."""
-    verdict, file = results.verdict, NEEDS[need][0]
+    verdict, files = results.verdict, [NEEDS[need][0]]
+    if need == "planes":
+        files += results.plane_files
     if need == "analysis" and verdict is not None and verdict.verdict == "not_sought":
         return f"effects were not sought: {verdict.why}"
-    if not (results.folder / file).exists():
-        return f"there is no {file}"
+    for file in files:
+        if not (results.folder / file).exists():
+            return f"there is no {file}"
     general_beside = (results.folder / "calibration/general.json").exists()
     if need == "papers_calibration" or (need == "general" and not general_beside):
         model = results.sound_calibration().model

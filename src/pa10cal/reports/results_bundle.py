@@ -371,10 +371,16 @@ class ResultsBundle:
         models = {name: model for name, model in record.models.items() if name != "extended"}
         return record.model_copy(update={"models": models})
 
+    @property
+    def plane_files(self) -> list[str]:
+        """Return the file of every plane of the settings, from low to high."""
+        return [
+            f"montecarlo/z{z_mm}.json" for z_mm in sorted(set(self.settings.montecarlo.planes_mm))
+        ]
+
     def planes_of_settings(self) -> list[PlaneRecord]:
-        """Read `montecarlo/z<mm>.json` for every plane of the settings, from low to high."""
-        heights = sorted(set(self.settings.montecarlo.planes_mm))
-        return [self.read(PlaneRecord, f"montecarlo/z{height}.json") for height in heights]
+        """Read the Monte Carlo of every plane of the settings, from low to high."""
+        return [self.read(PlaneRecord, file) for file in self.plane_files]
 
 
 def results_bundle(

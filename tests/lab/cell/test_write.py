@@ -328,3 +328,22 @@ def test_an_arm_of_a_file_is_described_though_it_is_named_as_a_shipped_one(tmp_p
         assert (tmp_path / name / "ur10.yaml").exists() == (name == "own")
     found = read_campaign(tmp_path / "own").arm
     np.testing.assert_allclose(found.d_m, own.d_m, atol=1e-9)
+
+
+@pytest.mark.parametrize("instrument", ["pose", "points", "distance"])
+def test_without_a_time_all_else_is_read(arm, tmp_path, instrument):
+    plan = {"instrument": instrument, "poses": 12, "logs_torques": True, "loads_N": [0.0, 22.0]}
+    plan |= {"base_targets": 0 if instrument == "distance" else 3, "repeat_every": 2}
+    settings = {"robot": arm.name, "temperature_drift_C": 5.0, "without_touches": plan}
+    for clock in ("row", "none"):
+        plan["clock"] = clock
+        made = simulate_campaign("raw", arm, SimulateOptions.model_validate(settings))
+        write_campaign(made, tmp_path / clock)
+    timed, untimed = (read_campaign(tmp_path / clock).observations for clock in ("row", "none"))
+    assert list(untimed.kind) == list(timed.kind)
+    assert list(untimed.pose) == list(timed.pose)
+    assert list(untimed.repeat) == list(timed.repeat)
+    for name in ("tau_Nm", "load_N", "temperature_C"):
+        np.testing.assert_array_equal(getattr(untimed.states, name), getattr(timed.states, name))
+    assert np.isfinite(untimed.states.tau_Nm).all()
+    assert (untimed.base is None) == (timed.base is None)

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from made_up_poses import context_of
 from pa10cal.arm.chain import Chain, frames
+from pa10cal.errors import TermError
 from pa10cal.files.arms import load_arm
 from pa10cal.terms.effects.effect import candidates
 from pa10cal.terms.model import Model
@@ -155,6 +156,14 @@ def test_beyond_the_measured_stroke_it_stays_as_at_its_end(states):
     at_end = effect.per_unit(replace(states, q_rad=far))
     far[:, 0] = 9.0
     np.testing.assert_array_equal(effect.per_unit(replace(states, q_rad=far)), at_end)
+
+
+@pytest.mark.parametrize("id_", ["slide_error", "slide_bending", "slide_positioning"])
+def test_a_file_with_a_stroke_of_no_length_is_refused(id_):
+    plain = term_to_plain(of_first(id_))
+    plain["form"]["span_m"] = [0.5, 0.5]
+    with pytest.raises(TermError, match=r"span_m.* a lower and a higher position"):
+        term_from_plain(plain, where="model.yaml")
 
 
 def test_what_a_carriage_slides_on_is_an_even_beam(states):

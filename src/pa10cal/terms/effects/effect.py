@@ -13,9 +13,10 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, fields, replace
 from functools import cache, cached_property
 from importlib import import_module
-from typing import Any, ClassVar, Literal, Self, TypeGuard, TypeVar
+from typing import Annotated, Any, ClassVar, Literal, Self, TypeGuard, TypeVar
 
 import numpy as np
+from pydantic import AfterValidator
 
 from pa10cal.arm.description import Arm, weights_known
 from pa10cal.arm.statics import ObservedTargets, PoseStates, StaticLoads
@@ -32,6 +33,16 @@ _LOADED_SHARE = 0.01
 _LEAST_SPAN_RAD = 1e-3
 
 Value = TypeVar("Value")
+
+
+def _of_some_length(ends: tuple[float, float]) -> tuple[float, float]:
+    if not ends[0] < ends[1]:
+        raise ValueError("must be a lower and a higher position")
+    return ends
+
+
+#: Lowest and highest measured position of a joint [rad, m], as checked where a file states it.
+Span = Annotated[tuple[float, float], AfterValidator(_of_some_length)]
 
 
 @dataclass(frozen=True)

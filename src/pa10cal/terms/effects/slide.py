@@ -12,7 +12,7 @@ from pa10cal.arm.chain import TOOL, Chain, bend_coordinates, frames, link_spans_
 from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index
-from pa10cal.terms.effects.effect import AtJoint, CandidateContext, Effect, static_loads_in
+from pa10cal.terms.effects.effect import AtJoint, CandidateContext, Effect, Span, static_loads_in
 from pa10cal.terms.effects.structure import Compliance, moment_of_arm_Nm
 from pa10cal.terms.term import OPTIONAL, Report, TermParameter
 
@@ -31,7 +31,7 @@ class AtSlide(AtJoint):
     """
 
     of_slide = True
-    span_m: tuple[float, float]  # lowest and highest measured position
+    span_m: Span  # lowest and highest measured position
     along: tuple[float, float, float]  # direction of the stroke, along the axes of that frame
 
     @classmethod

@@ -13,7 +13,7 @@ from numpy.polynomial.legendre import legder, legval, legvander
 from pa10cal.arm.chain import BASE
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
-from pa10cal.terms.effects.effect import CandidateContext, Effect, JointEffect, time_in
+from pa10cal.terms.effects.effect import CandidateContext, Effect, JointEffect, Span, time_in
 from pa10cal.terms.effects.readings import FalseReading
 from pa10cal.terms.term import JointTorqueOnly, TermParameter
 
@@ -75,7 +75,7 @@ class TorqueMap(JointTorqueOnly, JointEffect):
     Legendre polynomials of degree 1 to 4 over the measured span of the angle [N m].
     """
 
-    span_rad: tuple[float, float]  # lowest and highest measured angle
+    span_rad: Span  # lowest and highest measured angle
     rated_Nm: float  # rated torque of the joint
     id = "torque_map"
     words = "tau_{0.joint} += Legendre polynomials 1 to {0.degrees} of q_{0.joint}"
@@ -129,7 +129,7 @@ class DirectionMap(JointEffect):
     """
 
     span_Nm: float  # largest torque that the joint carried, 0 where it carried none
-    span_rad: tuple[float, float]  # lowest and highest angle
+    span_rad: Span  # lowest and highest angle
     id = "direction_map"
     varies_with = "the direction of arrival"
     yields = True

@@ -130,15 +130,33 @@ class Tracker(SimulatedInstrument):
 
     def description(self, robot: Robot) -> dict[str, Any]:
         every, weighed = self.plan.holdout_every, self.plan.unstated is None
-        # What is read of a file that has no time.
-        joints = list(position_columns(robot.arm, np.zeros((0, robot.arm.n))))
-        columns = {"joints": {"names": joints}, **self.read_columns(robot)}
+        columns = {"columns": {"poses": self._columns_without_time(robot)}}
         return {
             "instrument": {"kind": self.kind, "uncertainty_mm": self.stated_mm},
             "tool": tool_of(robot, weighed=weighed, measured=self.states_targets),
             **({"holdout": {"every": every}} if every else {}),
-            **({"columns": {"poses": columns}} if self.plan.clock == "none" else {}),
+            **(columns if self.plan.clock == "none" else {}),
         }
+
+    def _columns_without_time(self, robot: Robot) -> dict[str, Any]:
+        """Return `columns` of a file that has no time: all else in it has to be stated."""
+        plan, n = self.plan, robot.arm.n
+        joints = list(position_columns(robot.arm, np.zeros((0, n))))
+        columns = {"joints": {"names": joints}, **self.read_columns(robot)}
+        if plan.logs_torques:
+            columns["torques"] = {"names": [f"tau{joint}_Nm" for joint in range(1, n + 1)]}
+        if self.settings.temperature_drift_C > 0.0:
+            columns["temperature"] = {"names": "temperature_C"}
+        if any(plan.loads_N):
+            columns["load"] = {"names": "load_N"}
+        if plan.repeats > 1 or plan.repeat_every:
+            columns |= {"pose": "pose", "repeat": "repeat"}
+        if not plan.holdout_every:
+            columns["kind"] = {"names": "kind"}
+        if on_base := [f"base{k + 1}" for k in range(plan.base_targets)]:
+            places = {name: xyz_columns(f"{name}_") for name in on_base}
+            columns["targets"] = columns.get("targets", {}) | places
+        return columns
 
     @abstractmethod
     def read_columns(self, robot: Robot) -> dict[str, Any]:
