@@ -223,6 +223,30 @@ def test_a_target_without_a_name_is_beside_one_that_has_its_number(tmp_path, wri
     )
 
 
+def test_numbers_behind_x_y_z_are_those_of_targets(tmp_path, written):
+    _, table = tracked(tmp_path, "points")
+    own = table.rename(
+        columns={f"T{k}_{a}_mm": f"{a}{k}".upper() for k in (1, 2, 3) for a in "xyz"}
+    )
+    for names in (list(own), sorted(own)):
+        content, text, _ = written(own[names], "--robot", "ur10")
+        targets = content["columns"]["poses"]["targets"]
+        assert [place["names"] for place in targets.values()] == [
+            [f"{axis}{k}" for axis in "XYZ"] for k in (1, 2, 3)
+        ]
+        assert "# read so: 40 rows can be used, 0 cannot" in text
+
+
+def test_angles_of_joints_may_be_gradians(tmp_path, written):
+    raw, table = tracked(tmp_path)
+    own = table.rename(columns={name: f"J{k} [gon]" for k, name in enumerate(Q, start=1)})
+    own[[f"J{k} [gon]" for k in range(1, 7)]] /= 0.9
+    content, text, folder = written(own, "--robot", "ur10")
+    assert content["columns"]["poses"]["joints"]["unit"] == "gon"
+    np.testing.assert_allclose(read_campaign(folder).observations.states.q_rad, raw.q, atol=1e-8)
+    assert "0 cannot" in text
+
+
 @pytest.mark.parametrize(
     ("name", "value", "unit", "in_C"),
     [("temp [°C]", 52.0, None, 52.0), ("temp [°F]", 32.0, "F", 0.0), ("temp", 68.0, "F", 20.0)],

@@ -14,9 +14,7 @@ from pa10cal.campaign.recognise import unit_of
 
 #: Units by their size in the contract's unit: mm, degrees, N m, seconds, N, degrees Celsius.
 LENGTHS = {"mm": 1.0, "cm": 10.0, "m": 1e3, "um": 1e-3, "in": 25.4}
-ANGLES = {"deg": 1.0, "rad": 57.29577951308232, "mrad": 0.05729577951308232}
-#: Units of angles of polar readings.
-ANGLES_OF_POLAR = {**ANGLES, "gon": 0.9}
+ANGLES = {"deg": 1.0, "rad": 57.29577951308232, "mrad": 0.05729577951308232, "gon": 0.9}
 #: The unit of joint positions that are counts of an encoder.
 COUNTS = "counts"
 TORQUES = {"Nm": 1.0, "Nmm": 1e-3, "kNm": 1e3}

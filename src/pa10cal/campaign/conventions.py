@@ -15,7 +15,7 @@ from pa10cal.arm.coupling import CoupledJoint
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array, Index, spread
 from pa10cal.campaign.bounds import outside_bounds, unwrapped
-from pa10cal.campaign.column_map import ANGLES_OF_POLAR
+from pa10cal.campaign.column_map import ANGLES
 from pa10cal.campaign.joint_positions import in_radians
 from pa10cal.campaign.nominal_fit import misfit_of, placed_by_points
 from pa10cal.campaign.own_columns import Polar, RotationColumns
@@ -317,7 +317,7 @@ def read_polar(
         by_horizon: whether the vertical angle is called one from the horizon.
     """
     usual = "horizon" if by_horizon else "zenith"
-    turn = {unit: 360.0 / ANGLES_OF_POLAR[unit] for unit in angles}
+    turn = {unit: 360.0 / ANGLES[unit] for unit in angles}
     largest = float(np.nanmax(np.abs(values[:, :2]), initial=0.0))
     units = ("rad", "deg", "gon", "mrad")
     possible = [unit for unit in units if largest <= 1.05 * turn.get(unit, 0.0)] or list(angles)

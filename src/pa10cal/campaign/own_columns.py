@@ -84,7 +84,7 @@ class Joints(Section):
     """Joint positions, in the order of the arm's joints."""
 
     names: Names
-    unit: Literal["deg", "rad", "mrad", "counts"] = "deg"
+    unit: Literal["deg", "rad", "mrad", "gon", "counts"] = "deg"
     stroke_unit: LengthUnit = "mm"
     counts_per_turn: Annotated[tuple[Positive, ...], BeforeValidator(_as_tuple)] | None = Field(
         default=None,
@@ -175,7 +175,7 @@ class RotationColumns(Section):
 
     names: Names
     convention: Annotated[str, AfterValidator(_rotation)]
-    unit: Literal["deg", "rad", "mrad"] = "deg"
+    unit: Literal["deg", "rad", "mrad", "gon"] = "deg"
     inverse: Inverse = Field(
         default=False,
         description="the columns hold the inverse rotation; pose: and the position, too, is that "

@@ -16,7 +16,6 @@ from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array, Mask
 from pa10cal.campaign.column_map import (
     ANGLES,
-    ANGLES_OF_POLAR,
     COUNTS,
     FORCES,
     LENGTHS,
@@ -514,10 +513,10 @@ class _Proposing:
     def _polar(self, names: Sequence[str], T_base_ee: Array | None) -> dict[str, Any]:
         """Return columns of polar readings, which count as the arm or else their names say."""
         unit = self._stated(names[2:], LENGTHS)
-        angle = self._stated(names[:2], ANGLES_OF_POLAR)
+        angle = self._stated(names[:2], ANGLES)
         found = read_polar(
             self.sniffed.columns(names),
-            [angle] if angle else list(ANGLES_OF_POLAR),
+            [angle] if angle else list(ANGLES),
             [unit] if unit else ["m", "mm"],
             T_base_ee,
             by_horizon=from_horizon(names[1]),

@@ -19,7 +19,6 @@ from pa10cal.arrays import Array, Mask
 from pa10cal.campaign.bounds import rule_of
 from pa10cal.campaign.column_map import (
     ANGLES,
-    ANGLES_OF_POLAR,
     CONTRACT_COLUMNS,
     LENGTHS,
     QUATERNION,
@@ -416,7 +415,7 @@ def polar_to_xyz(values: Array, polar: Polar, unit: str) -> Array:
 
     The values (N, 3) are horizontal angle, vertical angle, and distance in a unit of lengths.
     """
-    horizontal, vertical = np.radians(ANGLES_OF_POLAR[polar.unit]) * values[:, :2].T
+    horizontal, vertical = np.radians(ANGLES[polar.unit]) * values[:, :2].T
     azimuth = -horizontal if polar.horizontal == "clockwise" else horizontal
     zenith = 0.5 * np.pi - vertical if polar.vertical == "horizon" else vertical
     flat = values[:, 2] * np.sin(zenith)

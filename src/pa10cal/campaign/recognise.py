@@ -73,6 +73,8 @@ _ORIENTATIONS = [(tuple(endings.split()), word) for endings, word in WORDS["orie
 _BEFORE_AXIS = "p|t|pos|tcp|trans|coord|meas|act|ist"
 _AFTER_AXIS = "pos|ist|act|actual|mess|meas|measured|coord|koord|soll|nom|cmd"
 _AXIS = re.compile(rf"(?:{_BEFORE_AXIS})?([xyz])(?:{_AFTER_AXIS})?")
+#: An axis of a numbered place, as in X1, Y1, Z1.
+_NUMBERED_AXIS = re.compile(r"^([xyz])(\d+)$", re.IGNORECASE)
 #: Numbered columns beyond the arm's joints, at most, as of a gripper.
 MOST_BEYOND = 2
 #: Targets that move by less than this part of the largest motion are at rest.
@@ -204,10 +206,18 @@ def _without_words(names: Sequence[str], *kinds: str) -> list[str]:
 
 
 def _positions(names: Sequence[str]) -> dict[str, tuple[str, ...]]:
-    """Return triples of columns x, y, z by the words before them; those of commands are last."""
+    """Return triples of columns x, y, z by the words before them; those of commands are last.
+
+    Where there are none, x1, y1, z1, x2, … are places by their numbers.
+    """
+    return _triples(names) or _triples(names, numbered=True)
+
+
+def _triples(names: Sequence[str], *, numbered: bool = False) -> dict[str, tuple[str, ...]]:
+    """Return triples of columns of measured, then of commanded places, by the words before them."""
     positions: dict[str, tuple[str, ...]] = {}
     for some in _measured_first(names):
-        for axes, place in _by_axis(some, "xyz"):
+        for axes, place in _by_axis(some, "xyz", numbered=numbered):
             if not has_word(place, "rotation", "no position", "torque", "force"):
                 before = _around_axis(axes["x"])
                 label = before if before not in positions else f"{before}{len(positions) + 1}"
@@ -340,12 +350,18 @@ def _with_endings(names: Sequence[str], endings: Sequence[str]) -> Iterator[tupl
 
 
 def _by_axis(
-    names: Sequence[str], letters: str
+    names: Sequence[str], letters: str, *, numbered: bool = False
 ) -> Iterator[tuple[dict[str, str], tuple[str, ...]]]:
-    """Yield columns that differ only by a letter x, y, z (w), by it, and the words around it."""
+    """Yield columns that differ only by a letter x, y, z (w), by it, and the words around it.
+
+    A `numbered` letter has its number behind it, as in x1, which counts as a word.
+    """
     groups: dict[tuple[str, ...], dict[str, str]] = {}
     for name in names:
         listed = words_of_name(name)
+        if numbered:
+            parted = (_NUMBERED_AXIS.sub(r"\1 \2", word).split() for word in listed)
+            listed = tuple(itertools.chain.from_iterable(parted))
         for k, word in enumerate(listed):
             found = re.fullmatch(f"[{letters}]", word) or (
                 _AXIS.fullmatch(word) if letters == "xyz" else None
@@ -365,7 +381,8 @@ def _around_axis(name: str) -> str:
     """Return a name as written without its unit and without its word x, y or z."""
     parts = re.findall(r"[^\W_]+", split_unit(name)[0])
     k = next((k for k, part in enumerate(parts) if _AXIS.fullmatch(plain(part))), len(parts))
-    return "".join((*parts[:k], *parts[k + 1 :]))
+    parts = [_NUMBERED_AXIS.sub(r"\2", part) for part in (*parts[:k], *parts[k + 1 :])]
+    return "".join(parts)
 
 
 def coverage_of(name: str) -> float:
