@@ -100,6 +100,15 @@ def test_poses_of_the_instrument_in_the_targets_frame_are_told_by_the_arm(tmp_pa
     np.testing.assert_allclose(measured.T_instr_target, raw.T_instr_target, atol=1e-6)
 
 
+def test_where_no_convention_agrees_the_names_decide(tmp_path, written):
+    _, table = tracked(tmp_path)
+    own = table.copy()
+    own[Q] = np.roll(own[Q], 1, axis=0)
+    content, text, _ = written(own.rename(columns={"x_mm": "X"}), "--robot", "ur10")
+    assert content["columns"]["poses"]["rotation"]["convention"] == "quaternion_wxyz"
+    assert "from the first row on the readings fit the joints of the row after theirs" in text
+
+
 def test_units_without_a_word_are_found_by_the_arm(tmp_path, written):
     _, table = tracked(tmp_path)
     own = table.rename(columns=dict(zip(PLACE, ["px", "py", "pz"], strict=True)))

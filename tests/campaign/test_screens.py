@@ -97,6 +97,23 @@ def test_positions_alone_tell_that_a_frame_is_mirrored(tmp_path):
         read_campaign(raw.write())
 
 
+@pytest.mark.parametrize("rows", [1, -1])
+def test_readings_a_row_away_are_told_though_one_of_them_has_no_row(tmp_path, rows):
+    raw = sighted(tmp_path, "pose", noise_mm=0.02)
+    at, lines = raw.column("x_mm"), [line.split(",") for line in raw.poses[1:]]
+    moved = [lines[(k - rows) % len(lines)][at:] for k in range(len(lines))]
+    raw.poses[1:] = [",".join((*a[:at], *b)) for a, b in zip(lines, moved, strict=True)]
+    with pytest.raises(Pa10calError, match="from the first row on the readings fit the joints"):
+        read_campaign(raw.write())
+
+
+def test_zeros_are_among_the_causes_of_joints_beyond_their_limits(tmp_path):
+    raw = sighted(tmp_path, "pose", robot="irb120")
+    changed(raw, ["q3_deg"], lambda q: [q[0] + 120.0])
+    with pytest.raises(Pa10calError, match=r"signs and zeros of the joints .*joint_offsets_deg"):
+        read_campaign(raw.write())
+
+
 @pytest.mark.parametrize("kind", ["pose", "points"])
 def test_right_axes_are_not_doubted(tmp_path, kind):
     found = read_campaign(sighted(tmp_path, kind, noise_mm=0.02).write())

@@ -105,6 +105,8 @@ _EVIDENT = 10.0
 #: A gross error counts as so many typical misfits in the choice of a split, and those are at least
 #: so large [m].
 _MOST_TYPICAL, _LEAST_TYPICAL_M = 50.0, 1e-5
+#: Sums of distances that differ by this part are the same (computing).
+_ROUNDING = 1e-9
 #: The three cases of a reading: with the joints of the row before, of its own, of the row after.
 _BEFORE, _AS_JOINED, _AFTER = range(3)
 
@@ -182,6 +184,10 @@ def _best_split(misfits_m: Array, cap_m: float) -> tuple[int, int, int]:
     cost_m = np.minimum(np.where(np.isfinite(misfits_m), misfits_m, np.inf), cap_m)
     sums_m = np.concatenate([np.zeros((3, 1)), np.cumsum(cost_m, axis=1)], axis=1)
     total_m = sums_m[:, None, :] + (sums_m[:, -1:] - sums_m)[None, :, :]
+    # A last reading without any right row costs the same in each case: all are in one case then.
+    one_case, least_m = int(np.argmin(sums_m[:, -1])), float(total_m.min())
+    if sums_m[one_case, -1] <= least_m * (1.0 + _ROUNDING):
+        return one_case, one_case, misfits_m.shape[1]
     before, after, split = map(int, np.unravel_index(int(np.argmin(total_m)), total_m.shape))
     # Of a split at an end one part is empty: its case is that of the other part.
     if split == 0:

@@ -80,6 +80,8 @@ from pa10cal.settings_reading import parse_section
 
 #: Orientations agree with the nominal arm below this rms angle.
 AGREES_RAD = np.radians(3.0)
+#: Above this none is nearer than another, as of orientations drawn at random: names decide.
+_ALL_ALIKE_RAD = np.radians(90.0)
 #: Polar readings agree with the nominal arm below this rms misfit.
 AGREES_M = 0.03
 #: Standard uncertainty of the instrument that is proposed where the file states none.
@@ -563,7 +565,7 @@ class _Proposing:
             # Lengths may have another scale, as of a tag taken for another size.
             scale = scale_of_points(p_m[some], T_base_ee[some]) or 1.0
             R_ee = modelled_attitudes(T_base_ee[some], scale * p_m[some])
-        if R_ee is None:
+        if T_base_ee is None or R_ee is None:
             self.checks.append(
                 f"rotation.convention: {convention}, by the names alone; check it in the manual of "
                 "the software that wrote the file"
@@ -578,13 +580,14 @@ class _Proposing:
             tried.append((attitude_scatter(R_ee, R), chosen))
         # Of equal scatters the first, which is the commonest convention.
         scatter_rad, chosen = min(tried, key=lambda way: round(way[0], 3))
-        if scatter_rad > AGREES_RAD and T_base_ee is not None:
-            ways = [chosen | {"inverse": "pose"} for _, chosen in tried[: len(words)]]
+        if scatter_rad > AGREES_RAD:
+            ways = [way | {"inverse": "pose"} for _, way in tried[: len(words)]]
             of_pose = way_of_inverse_poses(T_base_ee[some], p_m[some], values[some], ways)
             if of_pose is not None:
                 self.checks.append("rotation.inverse: pose: position too; only so the arm agrees")
                 return {**of_pose, **u}
-        if scatter_rad > AGREES_RAD:
+            if scatter_rad > _ALL_ALIKE_RAD:
+                chosen = given | {"convention": convention} | angles
             self.checks.append(
                 f"rotation.convention: none agrees with the nominal arm; the nearest is "
                 f"{np.degrees(scatter_rad):.1f} deg off: check it, the joints' order and signs"

@@ -338,6 +338,9 @@ def _remedy_of_rows(
         return f"add {', '.join(dict.fromkeys(values))} to {key}.words, as grid or as holdout"
     look = f"look at column {words.called(column)} first; " if column else ""
     if reason.startswith("beyond the limits of joint"):
-        return f"{look}check robot in campaign.yaml, and the unit, order and signs of the joints"
+        return (
+            f"{look}check robot in campaign.yaml, and the unit, order, signs and zeros of the "
+            "joints (joint_signs, joint_offsets_deg)"
+        )
     rest = "" if most else ", or raise the setting if the other rows suffice"
     return f"{look}correct the file{rest}"
