@@ -53,6 +53,11 @@ def test_the_ripple_says_who_errs(cause, ratio):
     assert found.ratio == ratio
 
 
+def test_a_stated_ratio_beyond_all_orders_shows_nothing():
+    """As that of a cycloidal drive behind a spur gear."""
+    assert witnesses([[series(orders=())]], np.array([5000.0])) == (None,)
+
+
 @pytest.mark.slow
 def test_intervals_hold_the_truth_as_often_as_they_say():
     inside = 0

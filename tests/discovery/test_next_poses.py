@@ -26,7 +26,7 @@ from pa10cal.discovery.next_poses import (
 )
 from pa10cal.discovery.preparation import setup_of
 from pa10cal.discovery.rules import EVIDENCE, PROBABILITIES
-from pa10cal.discovery.separation import predicted
+from pa10cal.discovery.separation import predicted, separation_criteria
 from pa10cal.discovery.tuning import NEXT_POSES
 from pa10cal.errors import DiscoveryError
 from pa10cal.files.arms import load_arm
@@ -193,6 +193,20 @@ def test_a_hopeless_pair_takes_no_configuration_from_another(ratio, found_first)
     for one, other in zip(alone.poses, both.poses, strict=True):
         assert np.array_equal(one.q_rad, other.q_rad)
         assert other.for_ == (both.separations[0].pair,)
+
+
+def test_a_pair_of_unknown_quantities_leaves_all_others_as_they_are(ratio, found_first):
+    pair = (ratio.effect(*RATIO[:2]), ratio.effect(*ECCENTRIC[:2]))
+    unknown = (ratio.effect("thermal_growth", "arm"), None)
+    states = replace(ratio.problem.cells.states, static_loads=None).take(np.arange(8))
+    states = replace(states, tau_Nm=np.full(states.tau_Nm.shape, np.nan))
+    states = replace(states, temperature_C=np.full(8, np.nan))
+    ahead = predicted(ratio.problem, found_first.fit, states)
+    (alone,) = separation_criteria(ratio.problem, found_first.fit, [pair], ahead)
+    both = separation_criteria(ratio.problem, found_first.fit, [pair, unknown], ahead)
+    assert both[0].gains() == pytest.approx(alone.gains())
+    assert both[0].gains().max() > 1e-3
+    assert both[1].gains() == pytest.approx(0.0, abs=1e-4)
 
 
 def test_suggestions_rise_repeat_and_keep_to_the_campaign(ratio, found_first):

@@ -118,6 +118,8 @@ def lines(series: Sequence[JointSeries], ratio: float | None, joints: int) -> li
         orders = ratio * np.arange(1, RIPPLE.most_orders + 1)
         orders = orders[orders < RIPPLE.orders[1] - 1]  # with a margin: the spectrum ends there
         tests = float(len(orders))
+    if not len(orders):  # a stated ratio beyond all orders that poses can show
+        return []
     at = np.round(orders * RIPPLE.grid_turns).astype(int)
     needed = float(np.log(tests * len(RIPPLE.error_shares) * joints / RIPPLE.false_rate))
     found: list[SpectralLine] = []

@@ -183,7 +183,7 @@ def separating_poses(
         divisor: factor by which log evidence is divided where poses share errors.
 
     Raises:
-        DiscoveryError: when nothing can be predicted, or an effect needs what is not known.
+        DiscoveryError: when torques of other poses cannot be predicted, or no pose is admissible.
     """
     if not asked:
         return Plan((), ())

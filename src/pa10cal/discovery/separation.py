@@ -180,9 +180,6 @@ def separation_criteria(
         found: the fit of the model with what was found.
         pairs: effects, each with its rival; None for the model's own parameters alone.
         ahead: the problem of the poses that may be chosen, see `predicted`.
-
-    Raises:
-        DiscoveryError: when an effect needs what is not known of the poses ahead.
     """
     rows = _Rows.of(problem, found, pairs, ahead)
     criteria = []
@@ -280,8 +277,7 @@ def _by_parameters(
 ) -> _ByParameters:
     """Return the rows of a problem's poses, torques after the components of poses.
 
-    Raises:
-        DiscoveryError: when an effect needs what is not known of the poses.
+    An effect of a quantity that is not known of the poses has rows of zero: they cannot show it.
     """
     lin, pose = linearise(problem, found, effects), problem.pose
 
@@ -303,14 +299,11 @@ def _by_parameters(
             np.concatenate([part, scaled(torque, found.variances.torque, more)], axis=1)
             for part, more in zip(rows, of_torques, strict=True)
         ]
-    of_effects = dict(zip(effects, rows[1:], strict=True))
-    for effect, part in of_effects.items():
-        if not np.all(np.isfinite(part)):
-            raise DiscoveryError(
-                "the effect depends on a quantity that is unknown for future poses",
-                where=f"{effect.id} of {effect.of}",
-                allowed="effects of logged quantities",
-                remedy="omit the effect",
-            )
+    common, *of_effects = rows
+    known = [part if np.all(np.isfinite(part)) else np.zeros_like(part) for part in of_effects]
     factors = (block.factor for block in lin.blocks)
-    return _ByParameters(rows[0], of_effects, dict(zip(effects, factors, strict=True)))
+    return _ByParameters(
+        common=common,
+        of_effects=dict(zip(effects, known, strict=True)),
+        factors=dict(zip(effects, factors, strict=True)),
+    )

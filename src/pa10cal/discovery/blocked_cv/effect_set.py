@@ -206,42 +206,37 @@ class EffectSet:
         With A the columns in use, C those of a candidate, r the residual, and G the inverse of the
         set, all of the other blocks but for G, the candidate's amounts are a = (S + P)^-1 C'r, P
         their prior precision and S = C'C - C'A G A'C the Schur complement; the parameters in use
-        take the step -G A'C a. With A, C and r of this block and that step s, its squares change by
-        |C a + A s|^2 - 2 r'(C a + A s).
+        take the step s = -G A'C a. With A, C and r of this block, its squares change by
+        |C a + A s|^2 - 2 r'(C a + A s), which is
+
+            a'C'C a + 2 a'(C'A s - C'r) + s'(A'A s - 2 A'r).
         """
         in_use, solution = self.index, self.solution[b]
         gram, projection = self.equations.gram[b], self.equations.projection[b]
-        gram_in_use, across = gram[np.ix_(in_use, in_use)], gram[np.ix_(in_use, every)]
-        others_across = self._gram_of_others(b, in_use, every)
-        response = self.inverse[b] @ others_across  # G A'C
-        # products of columns with the residual: of the candidates in the other blocks and in this
-        # block, and of the columns in use in this block
-        gradient_others = (
-            self.total.projection[every] - projection[every] - others_across.T @ solution
-        )
-        gradient_here = projection[every] - across.T @ solution
-        gradient_in_use = projection[in_use] - gram_in_use @ solution
+        # products of this block: A'A, A'C and those of A and C with r
+        AA, AC = gram[np.ix_(in_use, in_use)], gram[np.ix_(in_use, every)]
+        Ar, Cr = projection[in_use] - AA @ solution, projection[every] - AC.T @ solution
+        # the same of the other blocks
+        AC_others = self._gram_of_others(b, in_use, every)
+        Cr_others = self.total.projection[every] - projection[every] - AC_others.T @ solution
+        response = self.inverse[b] @ AC_others  # G A'C
         count = sum(len(group.candidates) for group in groups)
         steps, change = np.zeros((count, len(in_use))), np.zeros(count)
         for group in groups:
-            columns = every[group.places]
-            corner = gram[columns[:, :, None], columns[:, None, :]]
-            responses = response.T[group.places]  # (u, k, n)
-            schur = self.total.gram[columns[:, :, None], columns[:, None, :]] - corner
-            schur -= responses @ others_across.T[group.places].swapaxes(1, 2)
             place, places = group.place, group.places[group.place]
-            precision = group.sizes**-2.0
-            amounts = solve_each(schur[place], gradient_others[places], precision)[:, None]
-            group_steps = -(amounts @ responses[place])
-            slope = (
-                group_steps @ across.T[group.places].swapaxes(1, 2)[place]
-                - gradient_here[places][:, None]
-            )
-            steps[group.candidates] = group_steps[:, 0]
+            columns = every[group.places]
+            CC = gram[columns[:, :, None], columns[:, None, :]]  # (u, k, k)
+            CC_others = self.total.gram[columns[:, :, None], columns[:, None, :]] - CC
+            responses = response.T[group.places]  # (u, k, n)
+            schur = CC_others - responses @ AC_others.T[group.places].swapaxes(1, 2)
+            amounts = solve_each(schur[place], Cr_others[places], group.sizes**-2.0)[:, None]
+            of_group = -(amounts @ responses[place])  # (m, 1, n)
+            slope = of_group @ AC.T[group.places].swapaxes(1, 2)[place] - Cr[places][:, None]
+            steps[group.candidates] = of_group[:, 0]
             change[group.candidates] = np.sum(
-                amounts * (amounts @ corner[place] + 2.0 * slope), axis=(1, 2)
+                amounts * (amounts @ CC[place] + 2.0 * slope), axis=(1, 2)
             )
-        change += np.sum(steps * (steps @ gram_in_use - 2.0 * gradient_in_use), axis=1)
+        change += np.sum(steps * (steps @ AA - 2.0 * Ar), axis=1)
         return np.asarray(self.squares[b] + change)
 
     def _gram_of_others(self, b: int, rows: Index, columns: Index) -> Array:

@@ -5,12 +5,14 @@ Both are decided without the residuals.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
+from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Mask
 from pa10cal.discovery.evidence.fit import EvidenceFit, pose_rows, torque_rows
 from pa10cal.discovery.evidence.likelihood import CandidateRows, LinearisedCandidates
@@ -65,38 +67,48 @@ def _rows_of_others(
     problem: EvidenceProblem, found: EvidenceFit, effects: tuple[Effect, ...]
 ) -> list[CandidateRows]:
     """Return the rows of effects that are not in the fit, each at all of its shapes."""
-    states, at = problem.cells.states, found.at
-    terms = [effect for effect in effects for _ in effect.starts]
-    starts = [start for effect in effects for start in effect.starts]
-    T, in_base = at.model.by_terms(states, at.x, terms, starts)
-    linear = [values[:, :, : term.linear] for values, term in zip(in_base, terms, strict=True)]
-    by_motion = by_end(at, problem.cells, T)
-    by_terms = [by_motion @ values for values in linear]
-    of_targets = by_targets(at, problem.cells)
-    for k, (term, start) in enumerate(zip(terms, starts, strict=True)):
-        distorted = by_distortion(of_targets, problem.cells, term, start)
-        if distorted is not None:
-            by_terms[k] += distorted[:, :, : term.linear]
-    pose = problem.pose.rows(np.concatenate(by_terms, axis=2))
+    shapes = [(effect, start) for effect in effects for start in effect.starts]
+    pose = problem.pose.rows(_poses_by_shapes(problem, found, shapes))
     torque = np.zeros((0, pose.shape[1]))
     if problem.torque is not None:
-        by_x = np.zeros((*states.tau_Nm.shape, pose.shape[1]))
-        first = 0
-        for term, start in zip(terms, starts, strict=True):
-            columns = slice(first, first + term.linear)
-            if shows_torque(term):
-                by_x[:, :, columns] = term.torque_derivative(states, start)
-            first = columns.stop
-        torque = problem.torque.rows(by_x)
-    blocks = []
-    first = 0
-    for effect in effects:
-        shapes = len(effect.starts)
-        columns = slice(first, first + shapes * effect.linear)
-        factor = np.asarray(np.kron(np.eye(shapes), effect.prior_factor), dtype=float)
-        blocks.append(CandidateRows(pose[:, columns], torque[:, columns], factor))
-        first = columns.stop
-    return blocks
+        torque = problem.torque.rows(_torques_by_shapes(problem.cells.states, shapes))
+    widths = [len(effect.starts) * effect.linear for effect in effects]
+    stops = np.cumsum([0, *widths]).tolist()
+    factors = [np.kron(np.eye(len(each.starts)), each.prior_factor) for each in effects]
+    return [
+        CandidateRows(pose[:, first:last], torque[:, first:last], np.asarray(factor, dtype=float))
+        for (first, last), factor in zip(pairwise(stops), factors, strict=True)
+    ]
+
+
+def _poses_by_shapes(
+    problem: EvidenceProblem, found: EvidenceFit, shapes: Sequence[tuple[Effect, Array]]
+) -> Array:
+    """Return the derivative of poses by the linear parameters of effects at shapes, (C, b, k)."""
+    states, at = problem.cells.states, found.at
+    T_base_ee, in_base = at.model.by_terms(states, at.x, *zip(*shapes, strict=True))
+    by_motion, of_targets = by_end(at, problem.cells, T_base_ee), by_targets(at, problem.cells)
+    columns = []
+    for (effect, start), motion in zip(shapes, in_base, strict=True):
+        by_effect = by_motion @ motion[:, :, : effect.linear]
+        distorted = by_distortion(of_targets, problem.cells, effect, start)
+        columns.append(
+            by_effect if distorted is None else by_effect + distorted[:, :, : effect.linear]
+        )
+    return np.concatenate(columns, axis=2)
+
+
+def _torques_by_shapes(states: PoseStates, shapes: Sequence[tuple[Effect, Array]]) -> Array:
+    """Return the same of torques, (C, n, k): zero for effects that show in none."""
+    return np.concatenate(
+        [
+            effect.torque_derivative(states, start)
+            if shows_torque(effect)
+            else np.zeros((*states.tau_Nm.shape, effect.linear))
+            for effect, start in shapes
+        ],
+        axis=2,
+    )
 
 
 def split_testable(

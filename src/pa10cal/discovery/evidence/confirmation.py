@@ -8,6 +8,7 @@ on these data (max-T), whatever the distribution of the noise.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -17,7 +18,6 @@ from typing_extensions import override
 
 from pa10cal.arrays import Array, Index
 from pa10cal.discovery.evidence.candidates import linearise
-from pa10cal.discovery.evidence.likelihood import CandidateRows
 from pa10cal.discovery.evidence.noise_model import NoiseModel, Whitening
 from pa10cal.discovery.evidence.problem import EvidenceProblem
 from pa10cal.discovery.evidence.search import EndOfSearch
@@ -45,13 +45,13 @@ class Confirmation(EvidenceByRepeats, Proof):
 
 @dataclass(frozen=True)
 class WhitenedRows:
-    """Rows of both channels, whitened by all errors and by the prior of the arm's weights."""
+    """R rows of poses and of torques, whitened by all errors and the prior of the arm's weights."""
 
     own: Array  # (R, k) derivative by the model's own parameters, then by the members
     members: tuple[slice, ...]  # columns of each member in `own`
     data: Array  # (R,) measured minus predicted without the members
-    family: tuple[Array, ...]  # (R, c) derivative by each candidate; none for rows by cell
-    cell: Index  # (R,) number of the cell of each row
+    family: tuple[Array, ...]  # (R, c) derivative by each candidate
+    cell: Index  # (R,) number of the cell of each row, or of one of its pose
 
 
 def confirm(
@@ -64,7 +64,7 @@ def confirm(
     if not found.fit.effects:
         return ()
     rows = whitened_rows(problem, found, found.family)
-    by_cell = whitened_rows(problem, found, found.fit.effects, by_cell=True)
+    by_cell = _rows_by_cell(problem, found)
     labels, pose = np.unique(problem.cells.pose, return_inverse=True)
     loads, load = np.unique(problem.cells.states.load_N, return_inverse=True)
     signs = np.random.default_rng(EVIDENCE.flips_seed).choice(
@@ -87,64 +87,79 @@ def confirm(
 
 
 def whitened_rows(
-    problem: EvidenceProblem,
-    found: EndOfSearch,
-    family: tuple[Effect, ...],
-    *,
-    by_cell: bool = False,
+    problem: EvidenceProblem, found: EndOfSearch, family: tuple[Effect, ...]
 ) -> WhitenedRows:
     """Return rows whose errors are independent and of unit variance.
+
+    Each is a combination of the cells of a pose: the error that these share is whitened, too.
 
     Args:
         problem: the campaign.
         found: the search, whose effects are the members.
         family: the candidates.
-        by_cell: whether each row is one of a single cell, whitened without the error that cells of
-            a pose share; else rows are rotated by that error's covariance.
     """
-    wanted = tuple(dict.fromkeys((*family, *found.fit.effects)))
-    lin, score = linearise(problem, found.fit, wanted), found.score
-    blocks = dict(zip(wanted, lin.blocks, strict=True))
 
-    def rows_of(channel: NoiseModel, variance: float, rows: Array) -> Array:
-        if not by_cell:
-            return channel.whitening(variance)(rows)
+    def combined(channel: NoiseModel, variance: float, rows: Array) -> Array:
+        return channel.whitening(variance)(rows)
+
+    return _whitened(problem, found, family, combined)
+
+
+def _rows_by_cell(problem: EvidenceProblem, found: EndOfSearch) -> WhitenedRows:
+    """Return rows of one cell each, without candidates: so the cells of a load can be held out.
+
+    They still have the error that the cells of a pose share.
+    """
+
+    def single(channel: NoiseModel, _: float, rows: Array) -> Array:
         cells, b, _ = channel.whitener.shape
         whitened = channel.whitening(0.0)(rows).reshape(cells, -1)
         return np.asarray((channel.shared.rotation.T @ whitened).reshape(cells * b, -1))
 
-    def both(pose_rows: Array, torque_rows: Array) -> Array:
-        parts = [rows_of(problem.pose, score.variances.pose, pose_rows)]
-        if problem.torque is not None:
-            parts.append(rows_of(problem.torque, score.variances.torque, torque_rows))
-        return np.concatenate(parts)
+    return _whitened(problem, found, (), single)
 
-    def block(candidate: CandidateRows, scale: float) -> Array:
-        factor = scale * candidate.factor
-        return both(candidate.pose @ factor, candidate.torque @ factor)
+
+def _whitened(
+    problem: EvidenceProblem,
+    found: EndOfSearch,
+    family: tuple[Effect, ...],
+    of_channel: Callable[[NoiseModel, float, Array], Array],
+) -> WhitenedRows:
+    """Return whitened rows of poses, and then of torques.
+
+    `of_channel` whitens rows (R, k) of poses or torques, by the variance of their shared error.
+    """
+    wanted = tuple(dict.fromkeys((*family, *found.fit.effects)))
+    lin, variances = linearise(problem, found.fit, wanted), found.score.variances
+    blocks = dict(zip(wanted, lin.blocks, strict=True))
+    channels = [problem.pose] if problem.torque is None else [problem.pose, problem.torque]
+
+    def both(*rows: Array) -> Array:
+        parts = zip(channels, variances, rows, strict=False)  # torques may not be known
+        return np.concatenate([of_channel(*part) for part in parts])
 
     own = both(lin.own, np.zeros((len(lin.torque_data), lin.own.shape[1])))
     # Uncertain weights of the arm count as an error common to all poses: as free parameters they
     # would follow more than their uncertainty allows.
     uncertain = np.isin(found.fit.own_columns(), np.flatnonzero(found.fit.model.having("weight")))
     whiten_weights = Whitening.of(np.ones(len(own)), own[:, uncertain])
+
+    def of_effect(effect: Effect, size: float) -> Array:
+        rows, factor = blocks[effect], size * blocks[effect].factor
+        return whiten_weights(both(rows.pose @ factor, rows.torque @ factor))
+
     own = whiten_weights(own[:, ~uncertain])
     of_members = [
-        whiten_weights(block(blocks[effect], EVIDENCE.sizes[found.fit.size_of[effect]]))
-        for effect in found.fit.effects
+        of_effect(effect, EVIDENCE.sizes[found.fit.size_of[effect]]) for effect in found.fit.effects
     ]
     stops = np.cumsum([own.shape[1], *(part.shape[1] for part in of_members)]).tolist()
-    cells = [np.repeat(np.arange(len(problem.cells)), problem.pose.whitener.shape[1])]
-    if problem.torque is not None:
-        cells.append(np.repeat(np.arange(len(problem.cells)), problem.torque.whitener.shape[1]))
+    cells = np.arange(len(problem.cells))
     return WhitenedRows(
         own=np.concatenate([own, *of_members], axis=1),
         members=tuple(slice(a, b) for a, b in pairwise(stops)),
         data=whiten_weights(both(lin.pose_data[:, None], lin.torque_data[:, None]))[:, 0],
-        family=()
-        if by_cell
-        else tuple(whiten_weights(block(blocks[effect], 1.0)) for effect in family),
-        cell=np.concatenate(cells),
+        family=tuple(of_effect(effect, 1.0) for effect in family),
+        cell=np.concatenate([np.repeat(cells, each.whitener.shape[1]) for each in channels]),
     )
 
 

@@ -150,46 +150,19 @@ class SetEvidence:
         return np.asarray(with_each - of_set.log_evidence.max())
 
     def _score(self, chosen: CandidateSet) -> Score:
-        """Return the evidence of a set, at the most likely variances of both shared errors.
-
-        Their numbers on the grid are g of poses and h of torques.
-        """
+        """Return the evidence of a set, at the most likely variances of both shared errors."""
         columns, scale = self._columns_and_sizes(chosen)
         members = tuple(k for k, _ in chosen)
-        shows = bool(self._shows_in_torque[list(members)].any())
         if self._last is None or self._last[0] != members:  # often scored at other sizes
             self._last = members, self._pose.along(columns), self._torque.along(columns)
         pose, torque = (channel.in_sizes(scale) for channel in self._last[1:])
-        # If the set does not act on torques, the costs of both channels add up.
-        by_pose = None if shows else -2.0 * pose.log_evidence
-        by_torque = torque.squares + torque.log_det
-
-        @cache
-        def costs_by_pose(h: int) -> Array:
-            """Return minus twice the log evidence at every variance of poses, at one of torques."""
-            if by_pose is None:
-                return -2.0 * (pose + torque[h]).log_evidence
-            return np.asarray(by_pose + by_torque[h])
-
-        @cache
-        def costs_by_torque(g: int) -> Array:
-            """Return the same at every variance of torques, at one of poses."""
-            if by_pose is None:
-                return -2.0 * (torque + pose[g]).log_evidence
-            return np.asarray(by_pose[g] + by_torque)
-
-        g, last = 0, np.inf
-        while True:  # one variance after the other: they hardly depend on each other
-            h = int(np.argmin(costs_by_torque(g)))
-            costs = costs_by_pose(h)
-            g = int(np.argmin(costs))
-            if not costs[g] < last - COMPUTING.same_nats:
-                break
-            last = float(costs[g])
-        pose_gain, pose_variance = _refined_by_spline(costs, g)
-        torque_gain, torque_variance = _refined_by_spline(costs_by_torque(g), h)
+        shows = bool(self._shows_in_torque[list(members)].any())
+        costs = _Costs(pose, torque, both_show=shows)
+        g, h = costs.least()
+        pose_gain, pose_variance = _refined_by_spline(costs.by_pose(h), g)
+        torque_gain, torque_variance = _refined_by_spline(costs.by_torque(g), h)
         return Score(
-            log_evidence=-0.5 * (float(costs[g]) - pose_gain - torque_gain)
+            log_evidence=-0.5 * (float(costs.by_pose(h)[g]) - pose_gain - torque_gain)
             - float(np.log(len(EVIDENCE.sizes))) * len(members),
             variances=SharedVariances(pose_variance, torque_variance),
             grid_index=(g, h),
@@ -206,6 +179,49 @@ class SetEvidence:
             np.concatenate([np.zeros(0, dtype=np.intp), *columns]),
             np.concatenate([np.zeros(0), *scale]),
         )
+
+
+class _Costs:
+    """Minus twice the log evidence of a set at `SHARED_VARIANCES`, g of poses and h of torques."""
+
+    def __init__(self, pose: Gaussians, torque: Gaussians, *, both_show: bool) -> None:
+        """Keep the set's equations (G,) by poses and by torques; `both_show`: it acts on both."""
+        self._pose, self._torque = pose, torque
+        # If the set does not act on torques, the costs of both add up.
+        self._parts = (
+            None if both_show else (-2.0 * pose.log_evidence, torque.squares + torque.log_det)
+        )
+        self._by_pose: dict[int, Array] = {}
+        self._by_torque: dict[int, Array] = {}
+
+    def by_pose(self, h: int) -> Array:
+        """Return the costs at every variance of poses, at one of torques, (G,)."""
+        if h not in self._by_pose:
+            if self._parts is None:
+                self._by_pose[h] = -2.0 * (self._pose + self._torque[h]).log_evidence
+            else:
+                self._by_pose[h] = self._parts[0] + self._parts[1][h]
+        return self._by_pose[h]
+
+    def by_torque(self, g: int) -> Array:
+        """Return the costs at every variance of torques, at one of poses, (G,)."""
+        if g not in self._by_torque:
+            if self._parts is None:
+                self._by_torque[g] = -2.0 * (self._torque + self._pose[g]).log_evidence
+            else:
+                self._by_torque[g] = self._parts[0][g] + self._parts[1]
+        return self._by_torque[g]
+
+    def least(self) -> tuple[int, int]:
+        """Return g and h of the least cost, one after the other: they hardly interact."""
+        g, last = 0, np.inf
+        while True:
+            h = int(np.argmin(self.by_torque(g)))
+            costs = self.by_pose(h)
+            g = int(np.argmin(costs))
+            if not costs[g] < last - COMPUTING.same_nats:
+                return g, h
+            last = float(costs[g])
 
 
 def _refined_by_spline(values: Array, least: int) -> tuple[float, float]:
