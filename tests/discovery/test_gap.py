@@ -74,6 +74,12 @@ def test_errors_are_those_of_each_model_over_all_and_by_load():
         assert low_mm < mean_mm < high_mm
 
 
+def test_loads_of_one_name_are_one():
+    measured, models, _ = made(loads_N=(44.0, 44.00001))
+    (of_load,) = compared(measured, *models).record().per_load.values()
+    assert of_load.before == compared(measured, *models).before
+
+
 def test_loads_of_a_pose_are_no_further_poses():
     measured, models, _ = made()
     twice = np.repeat(np.arange(len(measured)), 2)

@@ -111,6 +111,39 @@ def test_torques_that_were_not_logged_have_no_noise_to_tell(made):
     assert np.isfinite(found.cov).all()
 
 
+def test_a_torque_that_is_missing_in_one_reading_leaves_the_noise_of_all(made):
+    readings, deviation, screws = made
+    tau_Nm = readings.states.tau_Nm.copy()
+    tau_Nm[5, 1] = np.nan
+    missing = readings.with_states(replace(readings.states, tau_Nm=tau_Nm))
+    found = noise_of_repeats(missing, deviation, screws)
+    np.testing.assert_allclose(found.torque_Nm, TORQUE_NM, rtol=0.1)
+    # A joint that always reads zero still counts as uncertain as the other.
+    tau_Nm[:, 0] = 0.0
+    quiet = readings.with_states(replace(readings.states, tau_Nm=tau_Nm))
+    torque_Nm = noise_of_repeats(quiet, deviation, screws).torque_Nm
+    assert torque_Nm[0] == torque_Nm[1] > 0.0
+
+
+def test_a_target_that_one_of_two_readings_missed_does_not_stand_for_a_direction(made):
+    readings, deviation, screws = readings_of(repeats=4)
+    sides = np.random.default_rng(4).choice([-1.0, 1.0], (len(readings), 2))
+    sides[:, 1] = np.arange(len(readings)) % 97  # no side comes twice: the direction is fitted
+    shuffled = readings.with_states(replace(readings.states, arrival=sides))
+    seen = np.ones(deviation.shape, dtype=bool)
+    seen[1::4, 3:] = False
+
+    class Partly(type(readings.measured)):
+        components_seen = seen
+
+    def partly(value):
+        measured = Partly(**vars(readings.measured))
+        hidden = np.where(seen, deviation, value)
+        return noise_of_repeats(replace(shuffled, measured=measured), hidden, screws)
+
+    np.testing.assert_allclose(partly(0.0).cov, partly(1.0).cov)
+
+
 def test_too_few_repeats_are_refused():
     readings, deviation, screws = readings_of(poses=NOISE.least_differences // 2, repeats=3)
     enough = noise_of_repeats(readings, deviation, screws)

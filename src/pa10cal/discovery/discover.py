@@ -24,7 +24,7 @@ from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit
 from pa10cal.discovery.log_faults import fault_of_quarantined, influential_pose
 from pa10cal.discovery.loose_targets import loose_targets
 from pa10cal.discovery.nameless import nameless_effects
-from pa10cal.discovery.no_harm import harmed, limits, only_within
+from pa10cal.discovery.no_harm import limits, only_within, worse_than
 from pa10cal.discovery.noise import mean_covariance, noise_of_near_poses, repeated
 from pa10cal.discovery.preparation import MeasurementSetup, Prepared, complete, context_of, prepared
 from pa10cal.discovery.proposals import with_lines_named, with_proposals
@@ -154,7 +154,7 @@ def with_predicted(found: Verdict) -> Verdict:
         unlimited = replace(found, falls_back=None).with_gaps(partial(after, by_names))
     everywhere = predicting(unlimited)
     # The field was chosen by the poses fitted: held-out ones must be predicted no worse by it.
-    if harmed(everywhere.trusted_holdout, unlimited.trusted_holdout):
+    if worse_than(everywhere.trusted_holdout, unlimited.trusted_holdout):
         return found
     if within is None or limits(everywhere) is None:
         return everywhere

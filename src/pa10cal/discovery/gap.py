@@ -91,8 +91,10 @@ class PairedErrors:
 
     def record(self, suspected: Mask | None = None) -> SetGap:
         """Return the gap as it is written, also without poses (P,) that are suspected."""
-        load_N, still = self.poses.states.load_N, self.without_motion
-        loads = {f"{load:g}N": load_N == load for load in np.unique(load_N)}
+        still = self.without_motion
+        load_N = self.poses.states.load_N
+        name = np.array([f"{load:g}N" for load in load_N.tolist()])
+        loads = {one: name == one for one in dict.fromkeys(name[np.argsort(load_N)].tolist())}
 
         def by_part(parts: Mapping[str, Mask]) -> dict[str, LoadGap]:
             return {
@@ -221,15 +223,15 @@ def errors_by_name(
     the errors beyond are those of the calibrated model.
     """
     gaps = [train] if holdout is None else [train, holdout]
-    before = [gap.found_before for gap in gaps]
+    before = [paired.found_before for paired in gaps]
 
     def errors_with(some: Sequence[Effect]) -> list[Deviations]:
         model, errors = fitted_with(tuple(some)), []
-        for gap in gaps:
-            found = errors_of(model, gap.poses)
+        for paired in gaps:
+            found = errors_of(model, paired.poses)
             if within is not None:
-                outside = ~within.inside(gap.poses.states.q_rad)
-                found = found.replaced_where(outside, gap.found_before)
+                outside = ~within.inside(paired.poses.states.q_rad)
+                found = found.replaced_where(outside, paired.found_before)
             errors.append(found)
         return errors
 
@@ -242,7 +244,7 @@ def errors_by_name(
         joining += [(effects[:k], errors_with(effects[:k])) for k in range(1, len(effects) - 1)]
         joining.append((effects[:-1], without[effects[-1]]))
     if effects:
-        joining.append((effects, [gap.found_after for gap in gaps]))
+        joining.append((effects, [paired.found_after for paired in gaps]))
     steps = tuple(
         NamingStep(
             effects=tuple(map(name_of, some)),

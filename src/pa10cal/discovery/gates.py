@@ -17,7 +17,7 @@ from pa10cal.calibration.rules import GRADES
 from pa10cal.discovery.field import with_field
 from pa10cal.discovery.finding import Finding, Rival, name_of
 from pa10cal.discovery.linear import mean_error_of_noise_mm
-from pa10cal.discovery.no_harm import harmed, harmless
+from pa10cal.discovery.no_harm import harmed, harmless, worse_than
 from pa10cal.discovery.preparation import Prepared
 from pa10cal.discovery.refitted_verdict import (
     finding_of,
@@ -173,9 +173,8 @@ def _without_if_replaceable(
     rest = [other for other in found.findings if other.effect != finding.effect]
     without = with_findings(found, rest)
     most_mm = NAMES.worse_ratio * found.train.after.rms_mm
-    if without.train.after.rms_mm > most_mm or harmed(without.holdout, found.holdout):
-        return None
-    return without
+    worse = worse_than(without.trusted_holdout, found.trusted_holdout)
+    return None if worse or without.train.after.rms_mm > most_mm else without
 
 
 def _without_unlikely_names(found: Verdict[S]) -> Verdict[S]:
@@ -194,7 +193,7 @@ def _without_unlikely_names(found: Verdict[S]) -> Verdict[S]:
         )
         without = without_names(found, {finding_of(found, finding.effect): why})
         held_out = found.trusted_holdout
-        worse_without = not harmed(held_out) and harmed(without.trusted_holdout, held_out)
+        worse_without = not harmed(held_out) and worse_than(without.trusted_holdout, held_out)
         if not worse_without or finding.effect.falsifies_readings:
             found = without
     return found

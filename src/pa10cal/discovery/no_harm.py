@@ -8,6 +8,7 @@ uncertainty explains.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import NamedTuple, TypeVar
 
@@ -32,13 +33,16 @@ S = TypeVar("S", bound=Scorer)
 B = TypeVar("B", bound=Basis)
 
 
-def harmed(held_out: PairedErrors | None, other: PairedErrors | None = None) -> bool:
-    """Return whether held-out poses are predicted worse than before, or than by another fit."""
-    if held_out is None:
+def harmed(held_out: PairedErrors | None) -> bool:
+    """Return whether held-out poses are predicted worse than by the calibrated model."""
+    return held_out is not None and _harm(held_out, _every(held_out)) is not None
+
+
+def worse_than(held_out: PairedErrors | None, other: PairedErrors | None) -> bool:
+    """Return whether held-out poses are predicted worse than by another extended model."""
+    if held_out is None or other is None:
         return False
-    if other is not None:
-        held_out = replace(held_out, found_before=other.found_after)
-    return _harm(held_out, np.ones(len(held_out.poses), dtype=bool)) is not None
+    return harmed(replace(held_out, found_before=other.found_after))
 
 
 def harmless(found: Verdict[S]) -> Verdict[S]:
@@ -63,12 +67,7 @@ def limits(found: Verdict) -> FallBack | None:
         return None
     visited = span_visited(found.prepared.readings.states.q_rad)
     outside = ~visited.inside(held_out.poses.states.q_rad)
-    fitted = average_repeats(found.prepared.readings)
-    judged = [np.ones_like(outside)]
-    if (unseen := HeldOutPlaces.of(held_out.poses, fitted).unseen) is not None:
-        judged.append(unseen)
-    if (most := _most_harmed(found)) is not None:
-        judged.append(held_out.campaigns[most[0]])
+    judged = tuple(_judged_alone(found, held_out))
 
     def first_harm(gap: PairedErrors) -> BeforeAfter | None:
         return next((harm for rows in judged if (harm := _harm(gap, rows)) is not None), None)
@@ -88,6 +87,16 @@ def limits(found: Verdict) -> FallBack | None:
         f"model is the calibrated one {then}"
     )
     return FallBack(within, found.baseline, why)
+
+
+def _judged_alone(found: Verdict, held_out: PairedErrors) -> Iterator[Mask]:
+    """Yield the sets of held-out poses (P,) of which each must be predicted no worse."""
+    yield _every(held_out)
+    unseen = HeldOutPlaces.of(held_out.poses, average_repeats(found.prepared.readings)).unseen
+    if unseen is not None:
+        yield unseen
+    if (most := _most_harmed(found)) is not None:
+        yield held_out.campaigns[most[0]]
 
 
 def _without_contradicted(found: Verdict[S], visited: AngleCoverage) -> Verdict[S]:
@@ -148,7 +157,7 @@ def _without_harmful(found: Verdict[S]) -> Verdict[S]:
             gap = trusted(replace(held_out, found_before=without), found.prepared.suspected)
             if gap is None:
                 return found
-            compared = _compare(gap, np.ones(len(gap.poses), dtype=bool))
+            compared = _compare(gap, _every(gap))
             if compared is not None and compared.over and compared.surely:
                 worse[name] = compared.errors
         if not worse:
@@ -236,6 +245,10 @@ def _is_harmed(found: Verdict, campaign: str) -> bool:
     if held_out is None or not held_out.over:
         return False
     return held_out.surely or (train is not None and train.over and train.surely)
+
+
+def _every(gap: PairedErrors) -> Mask:
+    return np.ones(len(gap.poses), dtype=bool)
 
 
 class _Comparison(NamedTuple):

@@ -72,49 +72,68 @@ def noise_of_repeats(readings: Observations, deviation: Array, screws: Array) ->
     """
     first, second = _pairs(readings)
     if len(first) < NOISE.least_differences:
-        pairs = f"{len(first)} pairs of successive readings of one pose, load and direction"
         raise DiscoveryError(
             "too few repeats to determine the repeatability of the measurement",
             where="grid poses",
-            value=pairs,
+            value=f"{len(first)} pairs of successive readings of one pose, load and direction",
             allowed=f"at least {NOISE.least_differences}",
             remedy="measure poses repeatedly",
         )
     measured, states = readings.measured, readings.states
-    seen, stated = measured.components_seen, measured.stated_covariance
-    difference = (deviation[second] - deviation[first]) / np.sqrt(2.0)
-    torque_difference = (states.tau_Nm[second] - states.tau_Nm[first]) / np.sqrt(2.0)
-    turned = (states.arrival[second] - states.arrival[first]) / np.sqrt(2.0)
-    if turned.any():
-        # What follows the direction of arrival of each joint is no noise.
-        sizes = np.sqrt(np.diagonal(stated, axis1=1, axis2=2)[first])
-        by_direction = 0.5 * (screws[first] + screws[second]) * turned[:, None, :]
-        difference = difference - _explained(difference, by_direction, sizes, seen[first])
-        squares = np.sum(turned**2, axis=0)
-        by_direction_Nm = np.sum(turned * torque_difference, axis=0) / np.where(squares, squares, 1)
-        torque_difference = torque_difference - turned * by_direction_Nm
-    sources = _covariances_by_source(screws, measured)
+    seen = measured.components_seen
     both = seen[first] & seen[second]
-    sources_of_pairs = np.where(
+    difference = np.where(both, deviation[second] - deviation[first], 0.0) / np.sqrt(2.0)
+    tau_difference_Nm = (states.tau_Nm[second] - states.tau_Nm[first]) / np.sqrt(2.0)
+    turned = (states.arrival[second] - states.arrival[first]) / np.sqrt(2.0)
+    if turned.any():  # what follows the direction of arrival of each joint is no noise
+        sizes = np.sqrt(np.diagonal(measured.stated_covariance, axis1=1, axis2=2)[first])
+        by_direction = 0.5 * (screws[first] + screws[second]) * turned[:, None, :]
+        difference = np.where(
+            both, difference - _explained(difference, by_direction, sizes, both), 0.0
+        )
+        tau_difference_Nm = _without_direction(tau_difference_Nm, turned)
+    sources = _covariances_by_source(screws, measured)
+    of_pairs = np.where(
         (both[:, :, None] & both[:, None, :])[:, None],
         0.5 * (sources[first] + sources[second]),
         0.0,
     )
     try:
-        variances = _variance_components(np.where(both, difference, 0.0), sources_of_pairs, both)
+        variances = _variance_components(difference, of_pairs, both)
     except np.linalg.LinAlgError:
         raise _no_noise(measured, difference, both) from None
-    # A torque whose log does not scatter, as if it always reads zero, counts as uncertain as the
-    # one that scatters most.
-    n, torque_Nm = screws.shape[2], np.sqrt(np.mean(torque_difference**2, axis=0))
-    quiet = torque_Nm <= NOISE.rounded_torque_share * np.abs(states.tau_Nm).max()
+    n = screws.shape[2]
     return Noise(
         cov=_whole(np.einsum("k,pkij->pij", variances, sources), seen),
         differences=len(first),
         joint_rad=np.sqrt(variances[:n]),
         instrument=float(np.sqrt(variances[n])),
-        torque_Nm=np.where(quiet, 0.0 if quiet.all() else torque_Nm.max(), torque_Nm),
+        torque_Nm=_torque_noise_Nm(tau_difference_Nm, states.tau_Nm),
     )
+
+
+def _without_direction(tau_difference_Nm: Array, turned: Array) -> Array:
+    """Return differences of torques (D, n) less the part that follows the arrival of each joint."""
+    logged = np.isfinite(tau_difference_Nm)
+    squares = np.sum(turned**2, axis=0, where=logged)
+    products = np.sum(turned * tau_difference_Nm, axis=0, where=logged)
+    return np.asarray(tau_difference_Nm - turned * products / np.where(squares, squares, 1.0))
+
+
+def _torque_noise_Nm(difference_Nm: Array, tau_Nm: Array) -> Array:
+    """Return the noise of each joint's torque, (n,), by differences (D, n) of the torques (P, n).
+
+    A torque whose log does not scatter, as if it always reads zero, counts as uncertain as the one
+    that scatters most.
+    """
+    logged = np.isfinite(difference_Nm)
+    count = logged.sum(axis=0)
+    squares = np.sum(difference_Nm**2, axis=0, where=logged)
+    noise_Nm = np.where(count > 0, np.sqrt(squares / np.maximum(count, 1)), np.nan)
+    largest_Nm = np.abs(tau_Nm).max(initial=0.0, where=np.isfinite(tau_Nm))
+    scatters = noise_Nm > NOISE.rounded_torque_share * largest_Nm
+    quiet = (count > 0) & ~scatters
+    return np.where(quiet, noise_Nm.max(initial=0.0, where=scatters), noise_Nm)
 
 
 def _covariances_by_source(screws: Array, measured: Instrument) -> Array:
