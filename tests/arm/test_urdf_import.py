@@ -265,6 +265,16 @@ def test_bad_files_are_refused_with_their_place(old, new, message):
         imported(PLAIN.replace(old, new, 2 if "fixed" in new else 1))
 
 
+def test_numbers_of_joints_off_the_path_are_of_no_effect():
+    off_path = (
+        '<link name="fence"/><joint name="f" type="fixed"><parent link="l0"/><child link="fence"/>'
+        '<origin xyz="12 0 0"/></joint><link name="lid"/><joint name="lid" type="revolute">'
+        '<parent link="l0"/><child link="lid"/><axis xyz="0 0 0"/><limit lower="2" upper="1"/>'
+        "</joint></robot>"
+    )
+    assert imported(PLAIN.replace("</robot>", off_path), tip="l2").joints == ("j0", "j1")
+
+
 def test_xacro_in_a_comment_was_worked_out_already():
     text = PLAIN.replace("<link", "<!-- was: <xacro:arm length='${h}'/> of $(find arm) --><link", 1)
     assert imported(text).joints == ("j0", "j1")

@@ -148,6 +148,20 @@ def test_the_rule(fit, left, grade, says):
     assert bool(found.findings) == (grade == "suspect_input")
 
 
+def test_distances_need_as_many_poses_as_there_are_unknowns():
+    few = ended(poses=4, unknowns=9)
+    one_a_pose = replace(few, white=few.white[:, :1])
+    assert "measure at least 9 poses" in health(one_a_pose, errors()).line
+
+
+def test_data_without_noise_are_graded():
+    exact = errors(train_rms_mm=0.0, noise_mm=0.0, held_out=HeldOut(accuracy(0.0, 0.0, 0.0, 60)))
+    assert exact.over_expected is None
+    assert health(ended(), exact).grade == "few_poses"
+    far = replace(exact, held_out=HeldOut(accuracy(1.0, 2.0, 1.0, 60)))
+    assert replace(far, ended=ended()).over_expected > 10.0
+
+
 def test_a_stated_uncertainty_that_is_too_small_is_among_the_causes_named():
     little = {"noise_mm": 0.0016, "without_springs_mm": 0.2}
     line = health(ended(), errors(**little)).line

@@ -94,6 +94,19 @@ def test_rows_are_a_table_with_units():
     assert dh_text(replace(model, covariance=None), "x").count(",,") > 6
 
 
+def test_two_terms_of_one_coordinate_add_their_covariance():
+    other = Tolerances(a_m=7e-3)
+    model = fitted("pa10_6ce", 4, lambda arm: (*links(arm), link_departures(arm, other)))
+    first, count = model.model.terms[0], len(model.model.terms[0].parameters)
+    k = [parameter.name for parameter in first.parameters].index("delta_a_2")
+    both = [k, len(model.x) - count + k]
+    covariance = np.zeros_like(model.covariance)
+    covariance[np.ix_(both, both)] = 1e-8 * np.array([[4.0, -1.0], [-1.0, 1.0]])
+    text = dh_text(replace(model, covariance=covariance), "good")
+    rows = list(csv.DictReader(io.StringIO(text)))
+    assert float(rows[1]["a_u_mm"]) == pytest.approx(1e3 * np.sqrt(3e-8))
+
+
 def test_the_best_rigid_model_is_nearer_than_the_rigid_part_and_exact_where_all_is_rigid():
     model = fitted("pa10_6ce", 3, lambda arm: (*links(arm), JointSpring(2, 80.0)))
     poses = measured(model)

@@ -276,6 +276,12 @@ def test_what_cannot_be_predicted_is_refused():
         model.predict(np.zeros(6), frame="target_A")
     with pytest.raises(ModelError, match=r"joint_spring of joint 2: the weights.*not known"):
         replace(model, payload=None).predict(np.zeros(6))
+    for condition, place in (
+        ({"temperature_C": [20.0, np.inf]}, r"temperature_C of pose 2"),
+        ({"time_s": -np.inf}, r"time_s of pose 1"),
+    ):
+        with pytest.raises(ModelError, match=f"no finite number.*{place}"):
+            model.predict(np.zeros((2, 6)), **condition)
     with pytest.raises(ModelError, match=r"3 values for"):
         replace(model, x=np.zeros(3), covariance=None)
 

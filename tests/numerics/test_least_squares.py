@@ -117,6 +117,19 @@ def test_where_no_step_leads_down_it_ends_there():
     assert "no step reduces the error" in found.reason
 
 
+def test_a_start_without_a_finite_error_is_no_minimum():
+    for cost in (np.nan, np.inf):
+        found = minimise(
+            np.zeros(1),
+            lambda x, cost=cost: Equations(cost, np.ones(1), np.eye(1)),
+            np.add,
+            still,
+            most_steps=5,
+        )
+        assert not found.converged
+        assert "no finite number" in found.reason
+
+
 def test_too_few_steps_are_said():
     found = minimise(np.array([-1.2, 1.0]), rosenbrock, np.add, still, most_steps=2)
     assert not found.converged

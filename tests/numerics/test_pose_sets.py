@@ -86,6 +86,12 @@ def test_a_set_that_can_be_searched_whole_is_nearly_the_best(seed):
     assert found.values[-1] > best - 0.2
 
 
+def test_no_candidate_is_chosen_twice_where_more_are_asked_for_than_are_there():
+    criterion = Information(rows_of(1, 3, 4, 1.0, count=5))
+    assert sorted(greedy_order(criterion, 9)) == [0, 1, 2, 3, 4]
+    assert sorted(greedy_order(criterion, 9, among=[2, 4])) == [2, 4]
+
+
 def test_columns_projected_out_have_the_quotient_of_two_determinants():
     white = rows_of(1, 3, 6, 10.0)
     flat = white[:5].reshape(-1, 6)

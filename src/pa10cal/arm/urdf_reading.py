@@ -25,8 +25,6 @@ _MOST_DEPTH, _MOST_ELEMENTS = 100, 100_000
 _MOST_LINKS, _MOST_LETTERS = 5000, 64
 #: Types of joints in a URDF. No serial chain contains the last two.
 _KINDS = (*MOVING, "fixed", "floating", "planar")
-#: Largest distance of a joint from the one before [m]: beyond it numbers are millimetres.
-_FAR_M = 10.0
 _ZERO = (0.0, 0.0, 0.0)
 
 
@@ -238,14 +236,6 @@ def _joint(element: ElementTree.Element, where: str) -> UrdfJoint:
         )
     mimic, origin, limit = (element.find(tag) for tag in ("mimic", "origin", "limit"))
     xyz = _numbers(origin, "xyz", _ZERO, f"{place}: origin")
-    if max(map(abs, xyz)) > _FAR_M:
-        raise ArmError(
-            f"the joint is further than {_FAR_M:g} m from the one before",
-            where=place,
-            value=xyz,
-            allowed="metres",
-            remedy="divide by 1000 if these are millimetres",
-        )
     axis = _numbers(element.find("axis"), "xyz", (1.0, 0.0, 0.0), f"{place}: axis")
     (lower,), (upper,) = (
         _numbers(limit, key, (0.0,), f"{place}: limit") for key in ("lower", "upper")
@@ -253,22 +243,6 @@ def _joint(element: ElementTree.Element, where: str) -> UrdfJoint:
     limits = lower, upper
     if kind == "continuous" or lower == upper == 0.0:
         limits = math.nan, math.nan  # equal zeros are the format's default: no limits are stated
-    elif lower >= upper and kind in MOVING:
-        raise ArmError(
-            "the limits allow the joint no motion",
-            where=place,
-            value=limits,
-            allowed="the lower limit first, then a higher one",
-            remedy="correct the limits",
-        )
-    if kind in MOVING and math.hypot(*axis) < 1e-9:
-        raise ArmError(
-            "the axis has no direction",
-            where=place,
-            value=axis,
-            allowed="not all zero",
-            remedy="correct it",
-        )
     return UrdfJoint(
         name=name,
         kind=kind,

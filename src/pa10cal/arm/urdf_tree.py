@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -17,6 +18,8 @@ from pa10cal.errors import ArmError, remedy_for
 
 #: Types of a joint that moves in a serial arm.
 MOVING = ("revolute", "continuous", "prismatic")
+#: Largest distance of a joint from the one before [m]: beyond it numbers are millimetres.
+_FAR_M = 10.0
 
 
 @dataclass(frozen=True)
@@ -76,6 +79,49 @@ class SerialPath:
     tip: str
     joints: tuple[UrdfJoint, ...]  # from the base on, fixed ones too
     leaders: Mapping[str, Leader]  # of each joint that mimics another, by the joint's name
+
+
+def _refuse_unusable(joint: UrdfJoint, where: str) -> None:
+    """Refuse a joint between base and tip by its type or numbers, which off that path do no harm.
+
+    Raises:
+        ArmError: naming what cannot be used.
+    """
+    if joint.kind not in (*MOVING, "fixed"):
+        raise ArmError(
+            "a joint of this type is not in a serial arm",
+            where=where,
+            value=joint.kind,
+            allowed="revolute, continuous, prismatic, fixed",
+            remedy="name a base beyond this joint with --base",
+        )
+    if max(map(abs, joint.xyz)) > _FAR_M:
+        raise ArmError(
+            f"the joint is further than {_FAR_M:g} m from the one before",
+            where=where,
+            value=joint.xyz,
+            allowed="metres",
+            remedy="divide by 1000 if these are millimetres",
+        )
+    if joint.kind == "fixed":
+        return
+    lower, upper = joint.limits
+    if lower >= upper:
+        raise ArmError(
+            "the limits allow the joint no motion",
+            where=where,
+            value=joint.limits,
+            allowed="the lower limit first, then a higher one",
+            remedy="correct the limits",
+        )
+    if math.hypot(*joint.axis) < 1e-9:
+        raise ArmError(
+            "the axis has no direction",
+            where=where,
+            value=joint.axis,
+            allowed="not all zero",
+            remedy="correct it",
+        )
 
 
 @dataclass(frozen=True)
@@ -192,14 +238,7 @@ class UrdfTree:
                 remedy="name another base or tip",
             )
         for joint in joints:
-            if joint.kind not in (*MOVING, "fixed"):
-                raise ArmError(
-                    "a joint of this type is not in a serial arm",
-                    where=f"{self.where}: joint {joint.name}",
-                    value=joint.kind,
-                    allowed="revolute, continuous, prismatic, fixed",
-                    remedy="name a base beyond this joint with --base",
-                )
+            _refuse_unusable(joint, f"{self.where}: joint {joint.name}")
 
     @cached_property
     def _carriers(self) -> Mapping[str, UrdfJoint]:

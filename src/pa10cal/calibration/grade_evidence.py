@@ -15,6 +15,8 @@ from pa10cal.results import calibration as records
 from pa10cal.results.calibration import InputFinding
 from pa10cal.terms.term import TermParameter
 
+#: A nanometre: data without any noise leave less, and no ratio to an error of zero is formed.
+_LEAST_ERROR_MM = 1e-6
 #: In the text of a departure of a joint's zero, after the joint.
 _MASTERED = " was mastered"
 
@@ -142,7 +144,7 @@ class GradeEvidence:
     def error_mm(self) -> float:
         """Return the remaining error, corrected for the degrees of freedom that the fit took."""
         fitted_share = min(self.ended.taken / max(self.rows, 1), GRADES.most_taken_share)
-        return self.train_rms_mm / float(np.sqrt(1.0 - fitted_share))
+        return max(self.train_rms_mm / float(np.sqrt(1.0 - fitted_share)), _LEAST_ERROR_MM)
 
     @property
     def noise_with_apparatus_mm(self) -> float | None:

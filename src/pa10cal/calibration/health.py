@@ -252,7 +252,9 @@ def _few(evidence: GradeEvidence) -> str:
     names, unknowns = evidence.undetermined, len(evidence.ended.parameters)
     identified = f"the poses identify {evidence.rank} of {unknowns} unknowns"
     if not np.isfinite(evidence.u_model_mm):
-        return f"{identified}; measure at least {-(-unknowns // 2)} poses, well spread"
+        # Half as many poses as unknowns; twice that of distances, one reading a pose.
+        poses = max(-(-unknowns // 2), -(-unknowns * len(evidence.ended.white) // max(evidence.rows, 1)))
+        return f"{identified}; measure at least {poses} poses, well spread"
     if not names:
         return ""
     turned_rad = evidence.turned_rad

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterable, Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
@@ -309,12 +310,12 @@ def compensate(
     controller_arm = _controller_arm(arm, controller, needed=write == "cartesian")
     listed = read_targets(targets, arm.axes_slide)
     conditions = conditions_of(listed, load_N, arrival, temperature_C, time_s)
-    found = fitted.compensate(
+    compensated = partial(
+        fitted.compensate, frame=frame, **conditions._asdict(), extrapolate=force
+    )
+    found = compensated(
         listed.T,
-        frame=frame,
         seed=listed.q,
-        **conditions._asdict(),
-        extrapolate=force,
         T_flange_tcp=controller_pose(tcp, convention) if tcp else None,
         controller=controller_arm,
     )
@@ -323,7 +324,7 @@ def compensate(
 
     warnings = list(misread_lists.of_targets(fitted, listed.T, listed.q, frame))
     if not warnings:
-        warnings = list(misread_lists.of_answers(fitted, listed.T, found, frame, conditions.load_N))
+        warnings = list(misread_lists.of_answers(listed.T, found, compensated))
     warn_of("compensate", targets, warnings)
     words, counts = np.unique(found.status, return_counts=True)
     outcome = ", ".join(f"{count} {word}" for word, count in zip(words, counts, strict=True))

@@ -49,7 +49,8 @@ def states_at(
 
     Raises:
         ModelError: when a load is negative, not finite, or heavier than any of the fit; when a
-            direction of arrival is not -1, 0 or 1; or when there are not as many numbers as poses.
+            temperature or time is infinite; when a direction of arrival is not -1, 0 or 1; or when
+            there are not as many numbers as poses.
     """
     fitted, count = model.fitted_to, len(q)
     temperature_C = np.nan if temperature_C is None else temperature_C
@@ -57,6 +58,16 @@ def states_at(
     loads_N = _of_every_pose("load_N", load_N, (count,))
     temperatures_C = _of_every_pose("temperature_C", temperature_C, (count,))
     times_s = _of_every_pose("time_s", time_s, (count,))
+    for name, unit, values in (("temperature_C", "deg C", temperatures_C), ("time_s", "s", times_s)):
+        if np.isinf(values).any():
+            row = int(np.argmax(np.isinf(values)))
+            raise ModelError(
+                "no finite number",
+                where=f"{name} of pose {row + 1}",
+                value=float(values[row]),
+                allowed=f"a number in {unit}; nan where it is not known",
+                remedy="correct the value",
+            )
     of_axes = _of_every_pose("arrival", arrival, (count, len(model.arm.axes_slide)))
     wrong_side = ~np.isin(of_axes, (-1.0, 0.0, 1.0))
     if wrong_side.any():

@@ -6,7 +6,7 @@ with the model as read, and mostly that they agree with it when read another way
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,6 @@ from scipy.spatial.transform import Rotation
 from pa10cal.arm.chain import Chain
 from pa10cal.arrays import Array
 from pa10cal.fit.fitted import Compensation, Fitted
-from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.forward import T_flange_frame, pose_difference
 from pa10cal.rules import LISTS
 
@@ -88,14 +87,17 @@ def of_targets(model: Fitted, T: Array, seed: Array, frame: str) -> Iterator[str
 
 
 def of_answers(
-    model: FittedModel, T: Array, found: Compensation, frame: str, load_N: Array
+    T: Array, found: Compensation, compensated: Callable[[Array], Compensation]
 ) -> Iterator[str]:
-    """Yield warnings about targets (N, 4, 4) of which few are reached by their compensation."""
+    """Yield warnings about targets (N, 4, 4) of which few are reached by their compensation.
+
+    Args:
+        compensated: compensates targets (N, 4, 4) read otherwise, under the same conditions.
+    """
     reached = _reached(found)
     if reached.mean() >= LISTS.most_share:
         return
-    other = model.compensate(_scalar_last(T), frame=frame, load_N=load_N, extrapolate=True)
-    reached_then = _reached(other)
+    reached_then = _reached(compensated(_scalar_last(T)))
     if reached_then.mean() >= max(LISTS.nearly_all_share, LISTS.times_as_many * reached.mean()):
         yield (
             f"{_ORDER}: {reached_then.sum()} of {len(T)} targets are then reached within the "

@@ -181,10 +181,15 @@ def dh_text(
     part = rigid_part(model) if part is None else part
     chain, coordinates = part.chain, part.coordinates
     variance = np.full(len(coordinates), np.nan)
-    for term in model.model.terms:
-        if term.constant and model.covariance is not None and not part.fitted:
-            own = np.diag(model.covariance)[model.model.columns_of(term)]
-            variance[chain.columns(term.coordinates)] = own
+    if model.covariance is not None and not part.fitted:
+        by_parameters = np.zeros((len(coordinates), len(model.x)))
+        for term in model.model.terms:
+            if term.constant:
+                at = chain.columns(term.coordinates), model.model.parameter_indices(term)
+                by_parameters[at] = 1.0
+        k, fitted = len(model.x), by_parameters.any(axis=1)
+        variances = np.sum((by_parameters @ model.covariance[:k, :k]) * by_parameters, axis=1)
+        variance[fitted] = np.maximum(variances[fitted], 0.0)
     names = [f"{kind}_{what}_{unit}" for kind, (_, unit) in _KINDS.items() for what in _WHATS]
     last = {"grade": mark}
     if error is not None:

@@ -154,6 +154,8 @@ def minimise(
         no_worse: relative increase of the cost that counts as rounding.
     """
     at, here, damping = start, equations(start), first_damping
+    if not np.isfinite(here.cost):
+        return Minimum(at, here, 0, False, "the error at the start is no finite number")
     for count in range(most_steps):
         active = np.zeros(len(here.gradient), bool) if held is None else held(at, here.gradient)
         correction = partial(beyond, at) if beyond is not None else np.zeros_like

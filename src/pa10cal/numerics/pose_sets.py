@@ -218,14 +218,14 @@ def greedy_order(
     The set of the criterion then consists of these.
 
     Args:
-        most: number of candidates to choose.
+        most: number of candidates to choose; all available ones where there are fewer.
         among: candidates to choose from; None for all.
     """
     candidates = np.arange(criterion.candidates)
     available = np.isin(candidates, candidates if among is None else among)
-    order = np.empty(most, dtype=np.intp)
+    order = np.empty(min(most, int(available.sum())), dtype=np.intp)
     criterion.restart()
-    for n in range(most):
+    for n in range(len(order)):
         best = int(np.argmax(np.where(available, criterion.gains(), -np.inf)))
         order[n], available[best] = best, False
         criterion.add(best)
