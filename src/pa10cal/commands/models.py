@@ -310,9 +310,7 @@ def compensate(
     controller_arm = _controller_arm(arm, controller, needed=write == "cartesian")
     listed = read_targets(targets, arm.axes_slide)
     conditions = conditions_of(listed, load_N, arrival, temperature_C, time_s)
-    compensated = partial(
-        fitted.compensate, frame=frame, **conditions._asdict(), extrapolate=force
-    )
+    compensated = partial(fitted.compensate, frame=frame, **conditions._asdict(), extrapolate=force)
     found = compensated(
         listed.T,
         seed=listed.q,

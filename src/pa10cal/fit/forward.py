@@ -58,14 +58,14 @@ def states_at(
     loads_N = _of_every_pose("load_N", load_N, (count,))
     temperatures_C = _of_every_pose("temperature_C", temperature_C, (count,))
     times_s = _of_every_pose("time_s", time_s, (count,))
-    for name, unit, values in (("temperature_C", "deg C", temperatures_C), ("time_s", "s", times_s)):
+    for name, values in (("temperature_C", temperatures_C), ("time_s", times_s)):
         if np.isinf(values).any():
             row = int(np.argmax(np.isinf(values)))
             raise ModelError(
                 "no finite number",
                 where=f"{name} of pose {row + 1}",
                 value=float(values[row]),
-                allowed=f"a number in {unit}; nan where it is not known",
+                allowed="a number; nan where it is not known",
                 remedy="correct the value",
             )
     of_axes = _of_every_pose("arrival", arrival, (count, len(model.arm.axes_slide)))
