@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterable, Iterator, Mapping
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
@@ -310,7 +309,11 @@ def compensate(
     controller_arm = _controller_arm(arm, controller, needed=write == "cartesian")
     listed = read_targets(targets, arm.axes_slide)
     conditions = conditions_of(listed, load_N, arrival, temperature_C, time_s)
-    compensated = partial(fitted.compensate, frame=frame, **conditions._asdict(), extrapolate=force)
+
+    def compensated(T: Array, **options: Any) -> Compensation:
+        under = {**conditions._asdict(), **options}
+        return fitted.compensate(T, frame=frame, extrapolate=force, **under)
+
     found = compensated(
         listed.T,
         seed=listed.q,
