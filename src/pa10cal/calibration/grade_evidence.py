@@ -15,7 +15,7 @@ from pa10cal.results import calibration as records
 from pa10cal.results.calibration import InputFinding
 from pa10cal.terms.term import TermParameter
 
-#: A nanometre: data without any noise leave less, and no ratio to an error of zero is formed.
+#: Least remaining error [mm]: exact data leave none, and ratios to it are formed (computing).
 _LEAST_ERROR_MM = 1e-6
 #: In the text of a departure of a joint's zero, after the joint.
 _MASTERED = " was mastered"
