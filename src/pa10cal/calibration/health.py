@@ -253,8 +253,8 @@ def _few(evidence: GradeEvidence) -> str:
     identified = f"the poses identify {evidence.rank} of {unknowns} unknowns"
     if not np.isfinite(evidence.u_model_mm):
         # Half as many poses as unknowns; twice that of distances, one reading a pose.
-        readings_a_pose = max(evidence.rows, 1) / len(evidence.ended.white)
-        poses = int(np.ceil(unknowns * max(0.5, 1.0 / readings_a_pose)))
+        measured, readings = len(evidence.ended.white), max(evidence.rows, 1)
+        poses = max(-(-unknowns // 2), -(-unknowns * measured // readings))
         return f"{identified}; measure at least {poses} poses, well spread"
     if not names:
         return ""
