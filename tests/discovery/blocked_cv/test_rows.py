@@ -196,3 +196,22 @@ def test_no_block_is_empty_however_few_poses_each_campaign_has(few, poses_each):
     grouped = replace(poses, states=replace(poses.states, campaign=campaign))
     held = np.bincount(consecutive_blocks(grouped), minlength=BLOCKS.blocks)
     assert held.min() >= BLOCKS.least_poses - 2
+
+
+def test_poses_of_another_region_are_in_blocks_of_others(few):
+    poses, rng = few.poses, np.random.default_rng(1)
+    count, last = len(poses), np.arange(len(poses) - 8, len(poses))
+
+    def blocks_at(q_rad):
+        return consecutive_blocks(replace(poses, states=replace(poses.states, q_rad=q_rad)))
+
+    q_rad = rng.uniform(-1.0, 1.0, poses.states.q_rad.shape)
+    in_order = np.arange(count) * BLOCKS.blocks // count
+    np.testing.assert_array_equal(blocks_at(q_rad), in_order)
+    one_by_one = q_rad.copy()
+    one_by_one[:, 1] = np.sort(one_by_one[:, 1])  # the first block is as far apart as the last one
+    np.testing.assert_array_equal(blocks_at(one_by_one), in_order)
+    q_rad[last, 1] = 1.5  # as poses that a verdict asked for
+    found = blocks_at(q_rad)
+    np.testing.assert_array_equal(found[: last[0]], in_order[: last[0]])
+    assert len(np.unique(found[last])) == len(last)

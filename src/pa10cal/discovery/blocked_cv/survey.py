@@ -21,6 +21,7 @@ from pa10cal.errors import DiscoveryError
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.validity import AngleCoverage, angles_seen
 from pa10cal.observe.observations import Observations
+from pa10cal.observe.paths import along_a_path
 from pa10cal.rules import ANGLES
 from pa10cal.terms.effects.effect import CandidateContext, Effect
 
@@ -195,7 +196,31 @@ def consecutive_blocks(poses: Observations) -> Index:
             dealt += count
         else:
             block[rows] = np.arange(count) * BLOCKS.blocks // count
+    apart = _poses_apart(poses.states.q_rad, block)
+    block[apart] = np.arange(len(apart)) % BLOCKS.blocks
     return block
+
+
+def _poses_apart(q_rad: Array, block: Index) -> Index:
+    """Return poses of one block at joint positions (P, n) outside those of all other blocks.
+
+    As where poses of another region, or those that a verdict asked for, were measured last. If they
+    were held out together, what they show would be in one block, which is then predicted badly
+    whatever the model holds. None if they are no more than ranges of joints have by chance, if
+    poses of another block are apart too, as in rows sorted by a joint, or along a path, where poses
+    that are close together err alike.
+    """
+    if along_a_path(q_rad):
+        return np.zeros(0, np.intp)
+    apart = np.zeros(len(block), bool)
+    for number in range(BLOCKS.blocks):
+        here = block == number
+        others = q_rad[~here]
+        apart |= here & np.any((q_rad < others.min(axis=0)) | (q_rad > others.max(axis=0)), axis=1)
+    count = np.bincount(block[apart], minlength=BLOCKS.blocks)
+    most, second = np.argsort(-count)[:2]
+    alone = count[most] >= max(BLOCKS.least_apart, 2 * count[second])
+    return np.flatnonzero(apart & (block == most) & alone)
 
 
 def _with_spring_loads_from_log(poses: Observations) -> Observations:
