@@ -14,15 +14,9 @@ import numpy as np
 
 from pa10cal.arm.chain import Chain
 from pa10cal.files.arms import load_arm
+from pa10cal.montecarlo.displacement import joint_screws, plan_displacement
 from pa10cal.montecarlo.places import draw_places, reference_in_plane
-from pa10cal.montecarlo.plane import (
-    BLOCK_CYCLES,
-    counts_of,
-    joint_screws,
-    plan_displacement,
-    sample_errors,
-    stream,
-)
+from pa10cal.montecarlo.plane import BLOCK_CYCLES, counts_of, sample_errors, stream
 from pa10cal.options import MonteCarloOptions
 
 PLANE_MM = 500

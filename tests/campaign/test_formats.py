@@ -228,6 +228,16 @@ def test_a_program_in_two_units_is_refused(tmp_path, given):
     assert re.search(r"file\.ls:\d+: J2 is in two units", said)
 
 
+def test_points_of_two_motion_groups_are_whole(tmp_path, proposed):
+    raw = sighted(tmp_path, "pose", noise_mm=0.02)
+    text = PROGRAMS["fanuc_ls"][0](np.degrees(raw.q))
+    text = text.replace("\r\n};", "\r\n   GP2:\r\n\tUF : 0, UT : 1,\r\n\tJ1= 5.0 deg\r\n};")
+    proposed(program_ls=text, tracker_csv=tracker(points(raw), "P{}"))
+    found = read_campaign(tmp_path)
+    assert found.quarantined == ()
+    assert len(found.observations) == len(raw.q)
+
+
 def test_a_file_of_another_format_than_is_stated_is_refused(tmp_path, proposed):
     raw = sighted(tmp_path, "pose", noise_mm=0.02)
     proposed(

@@ -60,6 +60,16 @@ def same_places(found, raw, table):
     np.testing.assert_allclose(every.states.q_rad[order], raw.q, atol=1e-9)
 
 
+def test_a_row_of_one_target_that_cannot_be_read_is_quarantined(sightings, read):
+    _, table = sightings
+    table = table.astype({"X": object})
+    table.loc[5, "X"] = "lost"
+    _, found = read(table)
+    (row,) = found.quarantined
+    assert row.line == 7
+    assert "lost" in row.value
+
+
 @pytest.mark.slow_but_one_in(4)
 @pytest.mark.parametrize(
     "written",

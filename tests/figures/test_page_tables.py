@@ -13,11 +13,12 @@ from pa10cal.reports.blocks import Grid
 from pa10cal.reports.errors import errors_of
 from pa10cal.reports.formatting import with_interval
 from pa10cal.reports.measured import measurement_section
+from pa10cal.reports.missing import missing, poses_in_words
 from pa10cal.reports.outcome import verdict
 from pa10cal.reports.page import SECTIONS
 from pa10cal.reports.render import images
 from pa10cal.reports.results_bundle import ResultsBundle
-from pa10cal.reports.trust import missing, poses_in_words, trust
+from pa10cal.reports.trust import trust
 
 COMBINED, VERDICT = "calibration/combined.json", "discovery/verdict.json"
 

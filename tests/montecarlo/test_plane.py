@@ -10,21 +10,23 @@ from hypothesis import strategies as st
 from drawn_examples import examples
 from pa10cal.arm.chain import Chain
 from pa10cal.errors import ArmError
+from pa10cal.montecarlo.displacement import (
+    DisplacementBlock,
+    joint_screws,
+    plan_displacement,
+    series_is_exact,
+    sines_and_versines,
+)
 from pa10cal.montecarlo.plane import (
     BLOCK_CYCLES,
-    DisplacementBlock,
     ErrorSums,
     counts_of,
     drawn_keys,
     expected_error,
-    joint_screws,
     moments,
-    plan_displacement,
     sample_errors,
-    series_is_exact,
     stream,
     study_plane,
-    turns,
 )
 from pa10cal.options import MonteCarloOptions
 
@@ -139,7 +141,7 @@ NORMALS = np.concatenate([np.linspace(-8, 8, 1601), [1e-9, -1e-9]])
 
 def filled(sigma_rad, *, series):
     sine, versine = NORMALS.copy(), np.empty_like(NORMALS)
-    turns(sine, versine, np.empty_like(NORMALS), sigma_rad, series=series)
+    sines_and_versines(sine, versine, np.empty_like(NORMALS), sigma_rad, series=series)
     return sine, versine
 
 

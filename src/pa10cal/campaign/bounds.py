@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -226,51 +226,67 @@ def labelled(raw: RawRows, arm: Arm) -> RawRows:
     return raw.take(raw.text_of("pose") != "", "the pose has no label")
 
 
+class _RowsByUnit(NamedTuple):
+    """Rows (N,) of some columns, as they are read and as the contract's unit would have them."""
+
+    filled: Mask  # a number is there
+    outside: Mask  # (C, N) numbers out of bounds in the unit that campaign.yaml states
+    right: Mask  # a number is there, and all are within bounds in the contract's unit
+
+    @classmethod
+    def of(cls, raw: RawRows, columns: Sequence[str], arm: Arm) -> _RowsByUnit:
+        """Return the rows of columns (C) that campaign.yaml states in another unit."""
+        bounds, sources = [bound_of(name, arm) for name in columns], raw.own.sources
+        low, high, factor, offset = (
+            np.array(each)[:, None]
+            for each in (
+                [bound.low for bound in bounds],
+                [bound.high for bound in bounds],
+                [sources[name].factor for name in columns],
+                [sources[name].offset for name in columns],
+            )
+        )
+        values = np.stack([raw[name] for name in columns])
+        written = (values - offset) / factor
+        filled = np.isfinite(values).any(axis=0)
+        right = filled & ~((written < low) | (written > high)).any(axis=0)
+        return cls(filled, (values < low) | (values > high), right)
+
+
 def _refuse_own_unit(raw: RawRows, names: list[str], arm: Arm) -> None:
     """Refuse columns that are in the contract's unit though campaign.yaml states another one.
 
     That is a larger one, or one with another zero. Blanks count neither way.
     """
-    words = raw.own
     of_key: dict[str, list[str]] = {}
     for name in names:
-        own = words.sources.get(name)
+        own = raw.own.sources.get(name)
         if own is not None and (own.factor > 1.0 or own.offset) and not name.startswith("u_"):
             of_key.setdefault(own.key, []).append(name)
-    for key, columns in of_key.items():
-        values = np.stack([raw[name] for name in columns])
-        factor, offset, low, high = np.transpose(
-            [
-                (own.factor, own.offset, bound.low, bound.high)
-                for own, bound in ((words.sources[name], bound_of(name, arm)) for name in columns)
-            ]
-        )[..., None]
-        written = (values - offset) / factor
-        outside = (values < low) | (values > high)
-        filled = np.isfinite(values).any(axis=0)
-        right = filled & ~((written < low) | (written > high)).any(axis=0)
-        count, wrong = filled.sum(), outside.any(axis=0)
-        if wrong.sum() <= 0.5 * count or right.sum() < NEARLY_ALL * count:
-            continue
-        row = int(np.argmax(wrong & right))
-        first, last, shown = columns[0], columns[-1], columns[int(np.argmax(outside[:, row]))]
-        unit = first.rpartition("_")[2]
-        what = {"deg": "joint angles", "mm": "positions", "C": "temperatures"}.get(unit, "numbers")
-        named = words.column(first) + (f" … {words.column(last)}" if first != last else "")
-        where = f"{raw.file}:{raw.line[row]}: {named}"
-        stated = words.sources[first].unit
-        value = (
-            f"{wrong.sum()} of {count} rows are out of bounds in {stated}, "
-            f"and {count - right.sum() or 'none'} so in {unit}: {raw.shown(shown, row)}"
-        )
-        named, remedy = UNIT_WORDS.get(unit, unit), words.set_unit(first, unit, unit)
-        raise RawDataError(
-            f"the {what} look like {named}",
-            where=where,
-            value=value,
-            allowed=f"numbers in the unit that {key} states",
-            remedy=remedy,
-        )
+    for columns in of_key.values():
+        rows = _RowsByUnit.of(raw, columns, arm)
+        count, wrong = rows.filled.sum(), rows.outside.any(axis=0)
+        if wrong.sum() > 0.5 * count and rows.right.sum() >= NEARLY_ALL * count:
+            raise _own_unit(raw, columns, rows)
+
+
+def _own_unit(raw: RawRows, columns: Sequence[str], rows: _RowsByUnit) -> RawDataError:
+    """Return the refusal of columns that are in the contract's unit, with a row that shows it."""
+    words, first, last = raw.own, columns[0], columns[-1]
+    count, wrong = rows.filled.sum(), rows.outside.any(axis=0)
+    row = int(np.argmax(wrong & rows.right))
+    shown = raw.shown(columns[int(np.argmax(rows.outside[:, row]))], row)
+    unit = first.rpartition("_")[2]
+    what = {"deg": "joint angles", "mm": "positions", "C": "temperatures"}.get(unit, "numbers")
+    named = words.column(first) + (f" … {words.column(last)}" if first != last else "")
+    return RawDataError(
+        f"the {what} look like {UNIT_WORDS.get(unit, unit)}",
+        where=f"{raw.file}:{raw.line[row]}: {named}",
+        value=f"{wrong.sum()} of {count} rows are out of bounds in {words.sources[first].unit}, "
+        f"and {count - rows.right.sum() or 'none'} so in {unit}: {shown}",
+        allowed=f"numbers in the unit that {words.sources[first].key} states",
+        remedy=words.set_unit(first, unit, unit),
+    )
 
 
 def refuse_impossible_tool(mass_kg: float, arm: Arm, where: str) -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from pa10cal.campaign.text_lines import TextLine, table_row
 from pa10cal.errors import RawDataError
@@ -114,72 +114,104 @@ _FANUC_AXIS = re.compile(rf"\b([JE]|EXT)(\d)\s*[=:]\s*({_NUMBER})\s*(deg|mm|rad)
 _POSE = re.compile(r"\bX\s*[=:]")
 
 
+@dataclass
+class _FanucBlock:
+    """The lines of a point, those of motion group 1 alone."""
+
+    line: int  # its first line
+    labels: tuple[str, str]  # its name and its comment
+    whole: bool  # False if its end is missing
+    lines: list[TextLine] = field(default_factory=list)
+
+
 def fanuc_points(lines: Iterable[TextLine], where: str, notes: list[str]) -> Iterator[TextLine]:
     """Yield the points of a program that are taught as joint positions, by group 1."""
-    yield from _fanuc(lines, where, notes, _FANUC, ends=re.compile(r"^\s*/END\b"))
+    every = list(lines)
+    ended = any(re.match(r"\s*/END\b", line.text) for line in every)
+    points = _fanuc_points(_program_blocks(every), where)
+    cut = None if ended or not every else every[-1]
+    yield from _table(points, "J1 … J6 in deg", cut, where, notes)
 
 
 def fanuc_registers(lines: Iterable[TextLine], where: str, notes: list[str]) -> Iterator[TextLine]:
     """Yield the position registers (POSREG.VA) that hold joint positions, by group 1."""
-    yield from _fanuc(lines, where, notes, _REGISTER, ends=None)
-
-
-def _fanuc(
-    lines: Iterable[TextLine],
-    where: str,
-    notes: list[str],
-    begins: re.Pattern[str],
-    ends: re.Pattern[str] | None,
-) -> Iterator[TextLine]:
-    """Yield the points of group 1, each of several lines up to its end or to the next point."""
-    points: list[_Point] = []
-    units: dict[str, str] = {}
-    begun: tuple[int, tuple[str, ...]] | None = None
-    axes: dict[str, str] = {}
-    pose, group, last, ended, most = False, 1, None, False, 0
-
-    def close(*, whole: bool) -> None:
-        nonlocal begun, axes, pose
-        if begun is not None and (axes or pose):
-            points.append(_Point(begun[0], begun[1], axes, whole))
-        begun, axes, pose = None, {}, False
-
-    for line in lines:
-        last = line
-        ended = ended or bool(ends is not None and ends.match(line.text))
-        if begins is _REGISTER and (sizes := _REGISTERS.search(line.text)) is not None:
-            most = int(sizes[1])
-        if (found := begins.match(line.text)) is not None:
-            close(whole=ends is None or begun is None)
-            if begins is _REGISTER:
-                group, label = int(found[1]), f"PR{found[2]}"
-                ended = ended or int(found[2]) == most
-                begun = None if found[4] else (line.number, (label, found[3].strip()))
-            else:
-                group, begun = 1, (line.number, (f"P{found[1]}", (found[2] or "").strip()))
-        if begins is _FANUC and (of_group := re.match(r"\s*GP(\d)\s*:", line.text)):
-            group = int(of_group[1])
-        if begun is None or group != 1:
-            continue
-        pose = pose or bool(_POSE.search(line.text))
-        for letter, number, value, unit in _FANUC_AXIS.findall(line.text):
-            axis = f"{letter[0]}{number}"
-            if units.setdefault(axis, unit) != unit:
-                raise RawDataError(
-                    f"{axis} is in two units",
-                    where=f"{where}:{line.number}",
-                    value=f"{value} {unit}",
-                    allowed=f"{units[axis]}, as in the points before",
-                    remedy="export points of one motion group, all in the same units",
-                )
-            axes[f"{axis} [{unit}]"] = value
-        if pose and not any(name[0] == "J" for name in axes):
-            axes = {}  # external axes of a pose alone
-        if begins is _FANUC and "}" in line.text:
-            close(whole=True)
-    close(whole=ended and ends is None)
-    cut = None if ended else last
+    every = list(lines)
+    sizes = [size[1] for line in every if (size := _REGISTERS.search(line.text))]
+    begun = [register[2] for line in every if (register := _REGISTER.match(line.text))]
+    ended = bool(sizes) and sizes[-1] in begun  # the file holds the last register of the array
+    points = _fanuc_points(_register_blocks(every, ended=ended), where)
+    cut = None if ended or not every else every[-1]
     yield from _table(points, "J1 … J6 in deg", cut, where, notes)
+
+
+def _program_blocks(lines: Iterable[TextLine]) -> Iterator[_FanucBlock]:
+    """Yield the points of a program, each up to its brace; one without it lacks its end."""
+    block: _FanucBlock | None = None
+    group = 1
+    for line in lines:
+        if (found := _FANUC.match(line.text)) is not None:
+            if block is not None:
+                yield block
+            labels = f"P{found[1]}", (found[2] or "").strip()
+            block, group = _FanucBlock(line.number, labels, whole=False), 1
+        if (of_group := re.match(r"\s*GP(\d)\s*:", line.text)) is not None:
+            group = int(of_group[1])
+        if block is None:
+            continue
+        if group == 1:
+            block.lines.append(line)
+        if "}" in line.text:
+            block.whole = True
+            yield block
+            block = None
+    if block is not None:
+        yield block
+
+
+def _register_blocks(lines: Iterable[TextLine], *, ended: bool) -> Iterator[_FanucBlock]:
+    """Yield the registers of group 1, each up to the next one; the last is whole if all are there.
+
+    `ended` says whether the file holds the last register of the array.
+    """
+    block: _FanucBlock | None = None
+    for line in lines:
+        if (found := _REGISTER.match(line.text)) is not None:
+            if block is not None:
+                yield block
+            labels = f"PR{found[2]}", found[3].strip()
+            used = int(found[1]) == 1 and not found[4]  # of group 1, and initialized
+            block = _FanucBlock(line.number, labels, whole=True) if used else None
+        if block is not None:
+            block.lines.append(line)
+    if block is not None:
+        block.whole = ended
+        yield block
+
+
+def _fanuc_points(blocks: Iterable[_FanucBlock], where: str) -> list[_Point]:
+    """Return the points that hold joint positions or a pose of the tool."""
+    points = []
+    units: dict[str, str] = {}  # unit by axis, the same in all points
+    for block in blocks:
+        axes: dict[str, str] = {}
+        for line in block.lines:
+            for letter, number, value, unit in _FANUC_AXIS.findall(line.text):
+                axis = f"{letter[0]}{number}"
+                if units.setdefault(axis, unit) != unit:
+                    raise RawDataError(
+                        f"{axis} is in two units",
+                        where=f"{where}:{line.number}",
+                        value=f"{value} {unit}",
+                        allowed=f"{units[axis]}, as in the points before",
+                        remedy="export points of one motion group, all in the same units",
+                    )
+                axes[f"{axis} [{unit}]"] = value
+        is_pose = any(map(_POSE.search, (line.text for line in block.lines)))
+        if is_pose and not any(name[0] == "J" for name in axes):
+            axes = {}  # external axes of a pose alone
+        if axes or is_pose:
+            points.append(_Point(block.line, block.labels, axes, block.whole))
+    return points
 
 
 # ABB: CONST jointtarget p1:=[[r1,…,r6],[9E+09,…]];

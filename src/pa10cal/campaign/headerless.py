@@ -121,17 +121,32 @@ def of_the_arm(roles: Roles, sniffed: Sniffed, arm: Arm, own: Sequence[str] = ()
     agree = [
         place for scatter_m, columns, place in tried if columns == joints and scatter_m < NEAR_M
     ]
+    return replace(_with_places(roles, sniffed, agree), joints=joints)
+
+
+def _with_places(roles: Roles, sniffed: Sniffed, agree: Sequence[tuple[str, ...]]) -> Roles:
+    """Return roles with the places that agree with the nominal arm, or that stand still.
+
+    Where none of the roles agrees, the first place of `agree` goes before those that stand still.
+    An orientation goes with the first place: the k-th of the columns of the same names with the
+    k-th place.
+    """
     still = standing({label: sniffed.columns(names) for label, names in roles.positions.items()})
-    keep = {
+    positions = {
         label: names for label, names in roles.positions.items() if label in still or names in agree
     }
-    if all(label in still for label in keep):
-        keep = {"": agree[0]} | keep
-    attitude, first_place = roles.attitude, next(iter(roles.positions.values()))
-    if attitude is not None and first_place not in agree:
+    if all(label in still for label in positions):
+        positions = {"": agree[0]} | positions
+    attitude, first = roles.attitude, next(iter(roles.positions.values()))
+    if attitude is not None and first not in agree:
+        places = [
+            place
+            for names in roles.positions.values()
+            for place in _same_named(names, sniffed.names)
+        ]
         of_place = dict(zip(places, _same_named(attitude[0], sniffed.names), strict=False))
         attitude = (of_place[agree[0]], attitude[1]) if agree[0] in of_place else None
-    return replace(roles, joints=joints, positions=keep, attitude=attitude)
+    return replace(roles, positions=positions, attitude=attitude)
 
 
 def _same_named(names: Sequence[str], all_names: Collection[str]) -> list[tuple[str, ...]]:

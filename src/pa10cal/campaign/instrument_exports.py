@@ -10,6 +10,7 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import chain, pairwise
+from typing import NamedTuple
 
 from pa10cal.campaign.recognise import canonical_unit
 from pa10cal.campaign.text_lines import TextLine, comma_fields, table_row
@@ -83,13 +84,16 @@ def motive_table(lines: Iterator[TextLine], where: str, notes: list[str]) -> Ite
             words or "nothing",
             ", ".join(_UNITS),
         )
-    unit, rotation = _UNITS[words], about.get("rotation type", "Quaternion")
     by_title = {row[1].lower(): row for row in above if len(row) > 1 and row[1]}
-    kinds, names = by_title.get("type", []), by_title.get("name", above[0])
-    titles = [
-        _motive_title(axis, k, kinds, names, above[-1], unit, rotation)
-        for k, axis in enumerate(axes)
-    ]
+    header = _MotiveHeader(
+        by_title.get("type", []),
+        by_title.get("name", above[0]),
+        above[-1],
+        axes,
+        _UNITS[words],
+        about.get("rotation type", "Quaternion").lower() == "quaternion",
+    )
+    titles = [header.title(k) for k in range(len(axes))]
     if any(" solved " in title for title in titles):
         notes.append("markers where the bodies have them (Rigid Body Marker) are not read")
     yield TextLine(last.number, table_row(titles), ended=True)
@@ -97,34 +101,35 @@ def motive_table(lines: Iterator[TextLine], where: str, notes: list[str]) -> Ite
         yield TextLine(line.number, table_row(comma_fields(line.text)), line.ended)
 
 
-def _motive_title(
-    axis: str,
-    k: int,
-    kinds: Sequence[str],
-    names: Sequence[str],
-    parts: Sequence[str],
-    unit: str,
-    rotation: str,
-) -> str:
-    """Return a name for a column of Motive with its unit."""
+class _MotiveHeader(NamedTuple):
+    """The lines of a header of Motive that name its columns, field by field."""
 
-    def at(row: Sequence[str]) -> str:
-        return row[k] if k < len(row) else ""
+    kinds: Sequence[str]  # what a column is of, such as a rigid body or a marker
+    names: Sequence[str]  # the name of that
+    parts: Sequence[str]  # position or rotation
+    axes: Sequence[str]  # Frame, Time, X, Y, …
+    unit: str  # of lengths
+    quaternion: bool  # whether rotations are quaternions
 
-    if k < _BEFORE_BODIES and axis.lower().startswith("time"):
-        return "Time [s]"
-    name, part = at(names), at(parts)
-    if k < _BEFORE_BODIES or not name:
-        return axis
-    if at(kinds).lower() == "rigid body marker" and axis in _QUATERNION:
-        return f"{name} solved {'XYZW'.index(axis) + 1}"  # computed from the body, not measured
-    if part == "Position" and axis in ("X", "Y", "Z"):
-        return f"{name} {axis.lower()} [{unit}]"
-    if part == "Rotation" and rotation.lower() == "quaternion" and axis in _QUATERNION:
-        return f"{name} {_QUATERNION[axis]}"
-    if part == "Rotation":
-        return f"{name} r{axis.lower()} [deg]"
-    return " ".join(word for word in (name, part, axis) if word)
+    def title(self, k: int) -> str:
+        """Return a name for column k, from 0, with its unit."""
+        kind, name, part = (
+            row[k] if k < len(row) else "" for row in (self.kinds, self.names, self.parts)
+        )
+        axis = self.axes[k]
+        if k < _BEFORE_BODIES and axis.lower().startswith("time"):
+            return "Time [s]"
+        if k < _BEFORE_BODIES or not name:
+            return axis
+        if kind.lower() == "rigid body marker" and axis in _QUATERNION:
+            return f"{name} solved {'XYZW'.index(axis) + 1}"  # from the body, not measured
+        if part == "Position" and axis in ("X", "Y", "Z"):
+            return f"{name} {axis.lower()} [{self.unit}]"
+        if part == "Rotation" and self.quaternion and axis in _QUATERNION:
+            return f"{name} {_QUATERNION[axis]}"
+        if part == "Rotation":
+            return f"{name} r{axis.lower()} [deg]"
+        return " ".join(word for word in (name, part, axis) if word)
 
 
 # Vicon: sections with a name, a rate, names of bodies or markers, axes, units, rows.
@@ -328,45 +333,53 @@ class _Point:
     labels: tuple[str, ...]
     places: dict[str, str] = field(default_factory=dict)  # coordinates as written, by axis
 
+    @property
+    def whole(self) -> bool:
+        """Return whether it has three coordinates."""
+        return len(self.places) == len(_AXES)
 
-def _table(
-    points: list[_Point],
-    called: str,
-    unit: str,
-    where: str,
-    notes: list[str],
-    last: TextLine,
-    *,
-    torn: bool,
-) -> Iterator[TextLine]:
-    """Yield a table of the points that have three coordinates, and note how many have not.
 
-    The labels' title is `called`; the last line of the file may be `torn`, that is incomplete.
+@dataclass
+class _Report:
+    """The points of a report, as far as the file goes.
+
+    Its last line may be torn. Then the last point is cut: its coordinates may be missing, or lack
+    digits. It is yielded as a line without its end, which is told where the table is read.
     """
-    ended = last.ended
-    if torn and points and len(points[-1].places) == len(_AXES):  # the line is of the next point
-        points.append(_Point(last.number, (last.text.strip(),)))
-    whole = [point for point in points if len(point.places) == len(_AXES)]
-    cut = [
-        point for point in points[-1:] if torn or (point.places and not (ended and point in whole))
-    ]
-    if not whole:
-        raise RawDataError(
-            "no point with a measured x, y and z is in the report",
-            where=where,
-            value=f"{len(points)} objects" if points else "no object",
-            allowed="points, circles or spheres with three measured coordinates each",
-            remedy="add x, y and z of each point to the report, or export the points as text",
-        )
-    others = len(points) - len(whole) - len([point for point in cut if point not in whole])
-    if others:
-        notes.append(f"{others} objects without a measured x, y and z are not read")
-    in_unit = f" [{unit}]" if unit else ""
-    header = [called, *(f"{axis.upper()}{in_unit}" for axis in _AXES)]
-    yield TextLine(1, table_row(header), ended=True)
-    for point in (*(each for each in whole if each not in cut), *cut):
-        fields = [*point.labels, *(point.places[axis] for axis in _AXES if axis in point.places)]
-        yield TextLine(point.line, table_row(fields), ended=point not in cut)
+
+    called: str  # title of the labels
+    unit: str = ""  # unit of the coordinates; empty where none is stated
+    points: list[_Point] = field(default_factory=list)
+    last: TextLine = field(default_factory=lambda: TextLine(1, "", ended=True))  # of the file
+    torn: bool = False  # whether that line is known to be incomplete
+
+    def table(self, where: str, notes: list[str]) -> Iterator[TextLine]:
+        """Yield the points that have three coordinates, and note how many have not."""
+        points = list(self.points)
+        if self.torn and points and points[-1].whole:  # the torn line is of the next point
+            points.append(_Point(self.last.number, (self.last.text.strip(),)))
+        whole = [point for point in points if point.whole]
+        if not whole:
+            raise RawDataError(
+                "no point with a measured x, y and z is in the report",
+                where=where,
+                value=f"{len(points)} objects" if points else "no object",
+                allowed="points, circles or spheres with three measured coordinates each",
+                remedy="add x, y and z of each point to the report, or export the points as text",
+            )
+        end = points[-1]
+        begun = bool(end.places) and not (self.last.ended and end.whole)
+        cut = end if self.torn or begun else None
+        others = sum(not point.whole and point is not cut for point in points)
+        if others:
+            notes.append(f"{others} objects without a measured x, y and z are not read")
+        in_unit = f" [{self.unit}]" if self.unit else ""
+        header = [self.called, *(f"{axis.upper()}{in_unit}" for axis in _AXES)]
+        yield TextLine(1, table_row(header), ended=True)
+        for point in (*(each for each in whole if each is not cut), *([cut] if cut else [])):
+            places = (point.places[axis] for axis in _AXES if axis in point.places)
+            fields = table_row([*point.labels, *places])
+            yield TextLine(point.line, fields, ended=point is not cut)
 
 
 # SpatialAnalyzer: comments, the last of which names the fields of the rows.
@@ -410,26 +423,27 @@ def begins_controls(head: Sequence[str]) -> bool:
 
 def control_table(lines: Iterator[TextLine], where: str, notes: list[str]) -> Iterator[TextLine]:
     """Yield the measured X, Y and Z of each object, a row for each."""
-    unit, at, points, width = "", list[int](), list[_Point](), 0
-    last, fields = TextLine(1, "", ended=True), list[str]()
-    for last in lines:
-        fields = _row(last.text)
+    report, at, width = _Report("Object Name"), list[int](), 0  # `at`: places of `_CONTROLS`
+    points, fields = report.points, list[str]()
+    for line in lines:
+        report.last, fields = line, _row(line.text)
         if not at:
             words, width = [each.lower() for each in fields], len(fields)
             if words[:1] == ["units"]:
-                unit = _length_unit(fields[1] if len(fields) > 1 else "", f"{where}:{last.number}")
+                stated = fields[1] if len(fields) > 1 else ""
+                report.unit = _length_unit(stated, f"{where}:{line.number}")
             if set(_CONTROLS) <= set(words):
                 at = [words.index(each) for each in _CONTROLS]
             continue
         name, control, measured = (fields[k] if k < len(fields) else "" for k in at)
         axis = control.lower()
         if not points or points[-1].labels != (name,) or axis in points[-1].places:
-            points.append(_Point(last.number, (name,)))
-        whole = last.ended or len(fields) >= min(width, at[-1] + 2)
+            points.append(_Point(line.number, (name,)))
+        whole = line.ended or len(fields) >= min(width, at[-1] + 2)
         if axis in _AXES and measured and whole:
             points[-1].places[axis] = measured
-    torn = not last.ended and len(fields) < width
-    yield from _table(points, "Object Name", unit, where, notes, last, torn=torn)
+    report.torn = not report.last.ended and len(fields) < width
+    yield from report.table(where, notes)
 
 
 def _length_unit(stated: str, where: str) -> str:
@@ -459,27 +473,28 @@ def begins_features(head: Sequence[str]) -> bool:
 
 def feature_table(lines: Iterator[TextLine], where: str, notes: list[str]) -> Iterator[TextLine]:
     """Yield the actual centre of each feature, a row for each."""
-    actual, unit, points = 2, "", list[_Point]()
-    last = TextLine(1, "", ended=True)
-    for last in lines:
-        fields = [each.strip() for each in last.text.split("\t")]
-        if _ACTUAL.search(last.text):
+    report, actual = _Report("Feature"), 2  # `actual`: which column has the actual values
+    points = report.points
+    for line in lines:
+        report.last, fields = line, [each.strip() for each in line.text.split("\t")]
+        if _ACTUAL.search(line.text):
             actual = [each.lower() for each in fields].index("actual")
         elif fields[0] == "" and len(fields) > 1 and fields[1]:
-            points.append(_Point(last.number, (fields[1],)))
+            points.append(_Point(line.number, (fields[1],)))
         elif points and (axis := _PROPERTY.fullmatch(fields[0])) is not None:
             value = _WITH_UNIT.fullmatch(fields[actual] if actual < len(fields) else "")
-            if value is None or (not last.ended and not value[2]):
+            if value is None or (not line.ended and not value[2]):
                 continue
-            found = _length_unit(value[2], f"{where}:{last.number}") if value[2] else unit
-            if unit and found != unit:
+            place, before = f"{where}:{line.number}", report.unit
+            report.unit = _length_unit(value[2], place) if value[2] else before
+            if before and report.unit != before:
                 raise RawDataError(
                     f"{points[-1].labels[0]} is in another unit than the features before",
-                    where=f"{where}:{last.number}",
-                    value=f"{value[1]} {found}",
-                    allowed=f"{unit}, as before",
+                    where=place,
+                    value=f"{value[1]} {report.unit}",
+                    allowed=f"{before}, as before",
                     remedy="export the report again with one unit of lengths",
                 )
-            unit = found
             points[-1].places.setdefault(axis[1].lower(), value[1])
-    yield from _table(points, "Feature", unit, where, notes, last, torn=not last.ended)
+    report.torn = not report.last.ended
+    yield from report.table(where, notes)

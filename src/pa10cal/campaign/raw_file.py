@@ -1,6 +1,7 @@
 """A raw file, read under the contract's names or, by `columns` of campaign.yaml, under its own.
 
-Then orientations and polar readings in a user's own convention, as quaternions and places.
+Then orientations and polar readings in a user's own convention, as quaternions and places; and rows
+of one target each, merged to configurations.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
@@ -27,10 +29,16 @@ from pa10cal.campaign.column_map import (
 )
 from pa10cal.campaign.csv_rows import CONTRACT, Layout, column_names, read_rows
 from pa10cal.campaign.description import DESCRIPTION_FILE, CampaignDescription, check_joints
-from pa10cal.campaign.joint_positions import position_columns
-from pa10cal.campaign.own_columns import FileColumns, Inverse, Polar, RotationColumns, Time
+from pa10cal.campaign.joint_positions import position_columns, same_commands
+from pa10cal.campaign.own_columns import (
+    FileColumns,
+    Inverse,
+    Polar,
+    RotationColumns,
+    TargetOfRow,
+    Time,
+)
 from pa10cal.campaign.raw_rows import TEXT, RawRows
-from pa10cal.campaign.row_targets import one_row_a_pose, targets_of_rows
 from pa10cal.campaign.sniffing import ISO, seconds_of
 from pa10cal.errors import RawDataError
 
@@ -228,13 +236,14 @@ class RawFile:
             within=self.path.parent,
         )
         raw = replace(raw, unused=())
-        of_row = poses = np.zeros(0, dtype=str)
-        if columns.target is not None and columns.position is not None:
-            raw, of_row, poses = targets_of_rows(raw, columns.target)
-            raw = raw.finite(columns.position.names, may_be_blank=True)
         rotation = columns.rotation if wanted & set(QUATERNION) else None
         if rotation is not None:
             raw = _rows_with_rotation(raw, rotation)
+        of_targets: _RowsOfTargets | None = None
+        if columns.target is not None and columns.position is not None:
+            raw = raw.finite(columns.position.names, may_be_blank=True)
+            of_targets = _RowsOfTargets.of(raw, columns.target)
+            raw = of_targets.raw
         made: dict[str, NDArray[Any]] = {}
         non_numeric: dict[str, dict[int, str]] = {}
         for before, place, polar in columns.polar_places():
@@ -268,11 +277,11 @@ class RawFile:
             words = columns.kind.words
             made["kind"] = np.array([words.get(word, word) for word in made["kind"]], dtype=object)
         translated = replace(raw, columns=made, non_numeric=non_numeric, own=self.words)
-        if columns.target is None:
+        if columns.target is None or of_targets is None:
             return translated
         if columns.pose == columns.target.names and "pose" in made:
-            translated = translated.with_columns({"pose": poses.astype(object)})
-        return one_row_a_pose(translated, of_row, position_columns(self.prismatic))
+            translated = translated.with_columns({"pose": of_targets.label.astype(object)})
+        return _one_row_a_pose(translated, of_targets.target, position_columns(self.prismatic))
 
     def _unmapped(self, missing: Sequence[str]) -> RawDataError:
         key = rule_of(missing[0]).key
@@ -422,3 +431,84 @@ def polar_to_xyz(values: Array, polar: Polar, unit: str) -> Array:
     return LENGTHS[unit] * np.column_stack(
         [flat * np.cos(azimuth), flat * np.sin(azimuth), values[:, 2] * np.cos(zenith)]
     )
+
+
+# Rows of one target each.
+
+#: Why a row without a known target is quarantined.
+UNKNOWN = "the row names no target that is stated"
+#: Joint positions within this are of one pose [deg, mm].
+_SAME = 0.01
+
+
+@dataclass(frozen=True)
+class _RowsOfTargets:
+    """N rows of one target each."""
+
+    raw: RawRows
+    target: NDArray[np.str_]  # (N,) name of the target of each
+    label: NDArray[np.str_]  # (N,) label of the pose, without the target
+
+    @classmethod
+    def of(cls, raw: RawRows, stated: TargetOfRow) -> _RowsOfTargets:
+        """Return the rows whose target is known; the others are quarantined."""
+        fields = [str(word) for word in raw.text_of(stated.names[0])]
+        label, target = np.array([stated.of(field) for field in fields], str).reshape(-1, 2).T
+        known = target != ""
+        values = [f"{stated.names[0]} = {fields[k]!r}" for k in np.flatnonzero(~known)]
+        return cls(raw.take(known, UNKNOWN, values), target[known], label[known])
+
+
+def _one_row_a_pose(raw: RawRows, targets: NDArray[np.str_], q: Sequence[str]) -> RawRows:
+    """Return one row for each configuration of rows that are of one target each.
+
+    Columns of targets other than that of the row are blanked, then rows of one configuration are
+    averaged. They agree in pose, kind, load and repeat as stated, and in their joints. A target
+    that occurs again belongs to the next repeat.
+
+    Args:
+        raw: N rows.
+        targets: (N,) target of each.
+        q: columns of the joints.
+    """
+    columns, non_numeric = dict(raw.columns), dict(raw.non_numeric)
+    for name in columns:
+        target = name.removeprefix("u_").rpartition("_")[0].rpartition("_")[0]
+        if name.endswith(("_x_mm", "_y_mm", "_z_mm")) and target:
+            other = targets != target
+            columns[name] = np.where(other, np.nan, columns[name])
+            lines = set(raw.line[~other].tolist())
+            texts = non_numeric.get(name, {}).items()
+            non_numeric[name] = {line: text for line, text in texts if line in lines}
+    raw = replace(raw, columns=columns, non_numeric=non_numeric)
+    stated = [name for name in ("pose", "kind", "load_N", "repeat") if name in columns]
+    joints = [name for name in q if name in columns]
+    if "pose" not in stated and not joints:
+        return raw
+    keys = pd.DataFrame({name: columns[name] for name in stated}, index=range(len(raw)))
+    if joints:
+        keys["joints"] = same_commands(np.nan_to_num(raw.numbers_of(joints)), _SAME)
+    again = _grouped(keys.assign(target=targets)).cumcount()
+    group = _grouped(keys.assign(again=again)).ngroup().to_numpy()
+    first = np.unique(group, return_index=True)[1]
+    if len(first) == len(raw):
+        return raw
+    numbers = [n for n in columns if np.issubdtype(columns[n].dtype, np.floating)]
+    means = pd.DataFrame({name: columns[name] for name in numbers}).groupby(group).mean()
+    # A field that is no number is reported at the first line of its configuration.
+    line_of = dict(zip(raw.line.tolist(), raw.line[first][group].tolist(), strict=True))
+    moved = {
+        name: {line_of[line]: text for line, text in texts.items()}
+        for name, texts in non_numeric.items()
+    }
+    merged = replace(raw, non_numeric=moved).at(first)
+    note = f"{raw.file}: {len(raw)} rows of one target each are {len(first)} configurations"
+    return replace(
+        merged.with_columns({name: means[name].to_numpy() for name in numbers if name != "time_s"}),
+        notes=(*raw.notes, note),
+    )
+
+
+def _grouped(keys: pd.DataFrame) -> Any:
+    """Return rows grouped by all their keys."""
+    return keys.groupby(list(keys), sort=False, dropna=False)

@@ -1,4 +1,4 @@
-"""Files with one target a row: the column that names it, and such rows merged to configurations."""
+"""Files with one target a row: which column names it, and how its targets are called."""
 
 from __future__ import annotations
 
@@ -6,18 +6,13 @@ import itertools
 import re
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from pa10cal.arrays import Array
-from pa10cal.campaign.joint_positions import same_commands
 from pa10cal.campaign.nominal_fit import placed_by_points
 from pa10cal.campaign.own_columns import TargetOfRow
-from pa10cal.campaign.raw_rows import RawRows
 from pa10cal.campaign.recognise import Roles, has_word, words_of_name
 from pa10cal.campaign.sniffing import Sniffed
 
@@ -144,76 +139,3 @@ def target_names(words: Sequence[str]) -> dict[str, str]:
         if word not in named:
             named[word] = next(name for name in numbered if name not in named.values())
     return {word: named[word] for word in words}
-
-
-UNKNOWN = "the row names no target that is stated"
-#: Joint positions within this are of one pose [deg, mm].
-_SAME = 0.01
-
-
-def targets_of_rows(
-    raw: RawRows, stated: TargetOfRow
-) -> tuple[RawRows, NDArray[np.str_], NDArray[np.str_]]:
-    """Return the rows with a known target, the target of each, and its label without the target."""
-    fields = [str(word) for word in raw.text_of(stated.names[0])]
-    split = [stated.of(field) for field in fields]
-    poses = np.array([pose for pose, target in split if target != ""], dtype=str)
-    targets = np.array([target for _, target in split if target != ""], dtype=str)
-    keep = np.array([target != "" for _, target in split], dtype=bool)
-    values = [f"{stated.names[0]} = {fields[k]!r}" for k in np.flatnonzero(~keep)]
-    return raw.take(keep, UNKNOWN, values), targets, poses
-
-
-def one_row_a_pose(raw: RawRows, targets: NDArray[np.str_], q: Sequence[str]) -> RawRows:
-    """Return one row for each configuration of rows that are of one target each.
-
-    Columns of targets other than that of the row are blanked, then rows of one configuration are
-    averaged. They agree in pose, kind, load and repeat as stated, and in their joints. A target
-    that occurs again belongs to the next repeat.
-
-    Args:
-        raw: N rows.
-        targets: (N,) target of each.
-        q: columns of the joints.
-    """
-    columns, non_numeric = dict(raw.columns), dict(raw.non_numeric)
-    for name in columns:
-        target = name.removeprefix("u_").rpartition("_")[0].rpartition("_")[0]
-        if name.endswith(("_x_mm", "_y_mm", "_z_mm")) and target:
-            other = targets != target
-            columns[name] = np.where(other, np.nan, columns[name])
-            lines = set(raw.line[~other].tolist())
-            texts = non_numeric.get(name, {}).items()
-            non_numeric[name] = {line: text for line, text in texts if line in lines}
-    raw = replace(raw, columns=columns, non_numeric=non_numeric)
-    stated = [name for name in ("pose", "kind", "load_N", "repeat") if name in columns]
-    joints = [name for name in q if name in columns]
-    if "pose" not in stated and not joints:
-        return raw
-    keys = pd.DataFrame({name: columns[name] for name in stated}, index=range(len(raw)))
-    if joints:
-        keys["joints"] = same_commands(np.nan_to_num(raw.numbers_of(joints)), _SAME)
-    again = _groups(keys.assign(target=targets)).cumcount()
-    group = _groups(keys.assign(again=again)).ngroup().to_numpy()
-    first = np.unique(group, return_index=True)[1]
-    if len(first) == len(raw):
-        return raw
-    numbers = [n for n in columns if np.issubdtype(columns[n].dtype, np.floating)]
-    means = pd.DataFrame({name: columns[name] for name in numbers}).groupby(group).mean()
-    # A field that is no number is reported at the first line of its configuration.
-    line_of = dict(zip(raw.line.tolist(), raw.line[first][group].tolist(), strict=True))
-    moved = {
-        name: {line_of[line]: text for line, text in texts.items()}
-        for name, texts in non_numeric.items()
-    }
-    merged = replace(raw, non_numeric=moved).at(first)
-    note = f"{raw.file}: {len(raw)} rows of one target each are {len(first)} configurations"
-    return replace(
-        merged.with_columns({name: means[name].to_numpy() for name in numbers if name != "time_s"}),
-        notes=(*raw.notes, note),
-    )
-
-
-def _groups(keys: pd.DataFrame) -> Any:
-    """Return rows grouped by all their keys."""
-    return keys.groupby(list(keys), sort=False, dropna=False)

@@ -17,12 +17,13 @@ from pa10cal.reports.blocks import Callout, Links, PageBlock, Paragraph, folded,
 from pa10cal.reports.errors import headline
 from pa10cal.reports.formatting import count, mm
 from pa10cal.reports.measured import measurement_section, use
+from pa10cal.reports.missing import missing, next_poses
 from pa10cal.reports.outcome import errors_by_angle, grade, grade_sentence, verdict, verdict_glance
 from pa10cal.reports.pictures import fleet_drawing
 from pa10cal.reports.render import Glance, PageSection, images, rendered
 from pa10cal.reports.residuals import residuals
 from pa10cal.reports.results_bundle import REFUSED, ResultsBundle, is_synthetic, results_bundle
-from pa10cal.reports.trust import missing, next_poses, trust
+from pa10cal.reports.trust import trust
 from pa10cal.results.codec import read
 from pa10cal.results.evaluation import BETWEEN
 from pa10cal.results.outcomes import FleetCampaign, FleetRecord, PicturesRecord
