@@ -142,17 +142,16 @@ def change_of(
     time_s = poses.states.time_s
     middle_s = 0.5 * (time_s[best.row - 1] + time_s[best.row])
     if best.remaining > CHANGE.most_left_share or any(
-        step_thresholds(poses.states, middle_s, at.model.chain.arm.prismatic)
+        step_thresholds(poses.states, middle_s, at.arm.prismatic)
     ):
         return None
     columns = change_columns(kind, target, at, poses)
-    # Beside smooth functions of the pose it must take up as much; and it must also gain beside the
-    # same change coming on gradually, which takes up most of a step, too.
     smooth = by_pose_and_time(at, poses, effects, logged=logged, weights=True)
     row = np.array([best.row])
     beside = StepRows(at, poses, whitener, *smooth).best(columns, row)
     if beside.remaining > CHANGE.most_left_share:
         return None
+    # The same change coming on gradually takes up most of a step: it must gain beside that, too.
     gradual = [CHANGE.static_sizes * (columns * course) for course in gradual_courses(poses)]
     if StepRows(at, poses, whitener, *smooth, *gradual).best(columns, row).gain < needed:
         return None
@@ -209,7 +208,7 @@ def rivals_of_steps(
             for kind in kinds[1:]
             if rows.does_as_well(kind[0], steps[kind], steps["base", 0])
         )
-        for joint in range(1, at.model.chain.arm.n + 1):
+        for joint in range(1, at.arm.n + 1):
             step = rows.best(CHANGE.size * linear.by_joints(at, poses, (joint,)), row)
             if rows.does_as_well("zero", step, steps["base", 0]):
                 rivals[f"another zero of joint {joint}"] = None
@@ -236,17 +235,21 @@ def change_columns(kind: Kind, target: int, at: FittedModel, poses: Observations
         places_m = np.reshape(at.targets_m, (-1, 3))
         return CHANGE.size * of_targets @ by_small_motion(places_m).reshape(-1, 6)
     if kind == "beam":
-        measured = poses.measured
-        places_m = measured.places_m
-        length_m = np.linalg.norm(places_m, axis=2, keepdims=True)
-        along = (places_m / np.maximum(length_m, np.finfo(float).tiny)).reshape(len(poses), -1)
-        column = np.zeros((*measured.components_seen.shape, 1))
-        column[:, measured.position_columns, 0] = np.nan_to_num(along)
-        return CHANGE.size * column
+        return CHANGE.size * _along_beam(poses)
     terms = [term for term in at.model.terms if type(term) is Offsets and term.of != "base"]
     own = linear.by_own_terms(at, poses, terms)
     frames = [CHANGE.frames * of_targets, CHANGE.frames * linear.by_base(at, poses)]
     return np.concatenate([*own, *frames], axis=2)
+
+
+def _along_beam(poses: Observations) -> Array:
+    """Return the direction of each target from the instrument, by components, (P, b, 1)."""
+    places_m = poses.measured.places_m
+    length_m = np.linalg.norm(places_m, axis=2, keepdims=True)
+    along = (places_m / np.maximum(length_m, np.finfo(float).tiny)).reshape(len(poses), -1)
+    column = np.zeros((*poses.measured.components_seen.shape, 1))
+    column[:, poses.measured.position_columns, 0] = np.nan_to_num(along)
+    return column
 
 
 class StepRows:
@@ -309,9 +312,8 @@ class StepRows:
         step = self._whitener @ columns
         every = np.concatenate([self._nuisances, step, self._data[:, :, None]], axis=2)
         by_row = every.swapaxes(1, 2) @ step
-        products = np.cumsum(by_row[::-1], axis=0)[::-1][
-            rows
-        ]  # from each row on, (R, h + k + 1, k)
+        from_row_on = np.cumsum(by_row[::-1], axis=0)[::-1]
+        products = from_row_on[rows]  # (R, h + k + 1, k)
         h = self._nuisances.shape[2]
         return self._unchanged.of_each_further(
             products[:, :h].swapaxes(0, 1), products[:, h:-1], products[:, -1]

@@ -8,7 +8,7 @@ pose share, are integrated out; the time of a jump is scanned.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from copy import copy
 from dataclasses import replace
 from itertools import product
@@ -55,10 +55,31 @@ _SHARED = tuple(none_and_spaced(*MOTION.pose_variances).tolist())
 
 def _motion_in(rows: _TimedRows, *, walks: bool) -> TimeFindings:
     """Return the jumps of the base, its walk where one is sought, and whether it drifts."""
-    poses = rows.poses
-    needed_jump = float(
-        np.log(len(poses) * len(MOTION.jumps_m) * len(MOTION.turns_rad_per_m) / MOTION.false_rate)
+    poses, found = rows.poses, _likeliest(rows, walks=walks)
+    static = rows.without_time()
+    has_drift = rows.about(found).nats - static.about(found).nats > MOTION.drift_nats
+    if not found.jumps and not found.walk_m:
+        return TimeFindings(None, has_drift)
+    # Where no effect of time is significant, everything that follows time is due to the motion.
+    amounts = (rows if has_drift else static).about(found).courses.mean
+    found = replace(found, amounts=amounts)
+    walk = replace(found, jumps=(), amounts=amounts[6 * len(found.jumps) :])
+    all_mm, walk_mm = (
+        linear.rms(linear.error_mm(poses.measured, motion.shift(rows.at, poses)))
+        for motion in (found, walk)
     )
+    cov = np.asarray(np.linalg.inv(np.swapaxes(rows.whitener, 1, 2) @ rows.whitener))
+    variance = np.trace(linear.position_noise(poses.measured, cov), axis1=1, axis2=2)
+    noise_mm = 1e3 * float(np.sqrt(np.median(variance))) * rows.about(found).noise_scale
+    if all_mm < MOTION.least_noise_ratio * noise_mm:
+        return TimeFindings(None, has_drift)
+    return TimeFindings(replace(found, rms_mm=(all_mm, walk_mm)), has_drift)
+
+
+def _likeliest(rows: _TimedRows, *, walks: bool) -> Wander:
+    """Return the jumps, and the walk where one is sought, that gain enough one after the other."""
+    sizes = len(MOTION.jumps_m) * len(MOTION.turns_rad_per_m)
+    needed_jump = float(np.log(len(rows.poses) * sizes / MOTION.false_rate))
     needed_walk = float(np.log(len(_WALKS_M) * len(MOTION.turns_rad_per_m) / MOTION.false_rate))
     found = rows.in_pauses(needed_jump)
     in_pauses = len(found.jumps)
@@ -80,24 +101,7 @@ def _motion_in(rows: _TimedRows, *, walks: bool) -> TimeFindings:
             without_nats, without = rows.best_walk(replace(found, jumps=others))
             if nats - without_nats < needed_jump - needed_walk:
                 nats, found = without_nats, without
-    static = rows.without_time()
-    has_drift = rows.about(found).nats - static.about(found).nats > MOTION.drift_nats
-    if not found.jumps and not found.walk_m:
-        return TimeFindings(None, has_drift)
-    # Where no effect of time is significant, everything that follows time is due to the motion.
-    amounts = (rows if has_drift else static).about(found).courses.mean
-    found = replace(found, amounts=amounts)
-    walk = replace(found, jumps=(), amounts=amounts[6 * len(found.jumps) :])
-    all_mm, walk_mm = (
-        linear.rms(linear.error_mm(poses.measured, motion.shift(rows.at, poses)))
-        for motion in (found, walk)
-    )
-    cov = np.asarray(np.linalg.inv(np.swapaxes(rows.whitener, 1, 2) @ rows.whitener))
-    variance = np.trace(linear.position_noise(poses.measured, cov), axis1=1, axis2=2)
-    noise_mm = 1e3 * float(np.sqrt(np.median(variance))) * rows.about(found).noise_scale
-    if all_mm < MOTION.least_noise_ratio * noise_mm:
-        return TimeFindings(None, has_drift)
-    return TimeFindings(replace(found, rms_mm=(all_mm, walk_mm)), has_drift)
+    return found
 
 
 class _Likelihood(NamedTuple):
@@ -362,14 +366,25 @@ def in_time_of(
         walks = all(np.isfinite(rival.value) for rival in rivals)
         return _motion_in(_TimedRows(at, poses, whitener, own, static, of_time), walks=walks)
 
-    found = beside(())
-    if again:
-        return found
-    rivals: tuple[Threshold, ...] = ()
+    if again:  # poses measured again show that no joint and no load explains the motion
+        return beside(())
+    return _beyond_rivals(beside, poses.states, at.arm.prismatic)
+
+
+def _beyond_rivals(
+    beside: Callable[[tuple[Threshold, ...]], TimeFindings], states: PoseStates, prismatic: Mask
+) -> TimeFindings:
+    """Return the motion that remains beside joints and loads whose errors may explain it as well.
+
+    Args:
+        beside: returns the motion found beside errors that depend on some joints and loads.
+        states: of the poses.
+        prismatic: (n,) which joints slide.
+    """
+    found, rivals = beside(()), tuple[Threshold, ...]()
     first_mm = 0.0 if found.wander is None else found.wander.rms_mm[0]
-    prismatic = at.model.chain.arm.prismatic
     for _ in range(MOTION.most_rivals):
-        more = _rivals_of(found, poses.states, prismatic)
+        more = _rivals_of(found, states, prismatic)
         if not more:
             break
         if set(more) <= set(rivals):  # the motion found beside them still follows their order
@@ -462,7 +477,7 @@ def by_pose_and_time(
 
 def _waves(at: FittedModel, poses: Observations, slow: Mask) -> Array:
     """Return columns (P, b, w) of waves of the error of every turning joint by its angle."""
-    arm = at.model.chain.arm
+    arm = at.arm
     joints = [joint for joint, slides in enumerate(arm.prismatic, start=1) if not slides]
     screws = linear.by_joints(at, poses, joints)
     q_rad = poses.states.q_rad[:, [joint - 1 for joint in joints]]

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from typing_extensions import override
 
-from pa10cal.arrays import Array, Mask
+from pa10cal.arrays import Array, Index
 from pa10cal.discovery import linear
 from pa10cal.discovery.changed import (
     WORDS,
@@ -65,7 +65,7 @@ class JointSteps(Nuisance):
 
     def faults(self, at: FittedModel, poses: Observations) -> tuple[DiagnosedFault, ...]:
         """Return a fault of the log for each step."""
-        slides = at.model.chain.arm.prismatic
+        slides = at.arm.prismatic
         amounts = (1e3 * CHANGE.size * self.scale * self.amounts).tolist()
         return tuple(
             _fault(step, amount, "mm" if slides[step.joint - 1] else "mrad", poses)
@@ -115,7 +115,7 @@ def joint_steps_of(
     chosen = _chosen(at, poses, whitener)
     if not chosen:
         return None
-    slides = at.model.chain.arm.prismatic
+    slides = at.arm.prismatic
     if any(any(step_thresholds(poses.states, time_s, slides)) for _, time_s in chosen):
         return None
     every = _columns(chosen, at, poses)
@@ -124,11 +124,9 @@ def joint_steps_of(
     if together.gain < _of_others(at, poses, whitener, len(chosen)) + CHANGE.better_nats:
         return None
     smooth = by_pose_and_time(at, poses, effects, logged=logged, weights=True)
-    by_joint = {joint: np.array([joint == each for each, _ in chosen]) for joint, _ in chosen}
-    if not _leave_little(every, at, poses, of_readings, smooth) or not all(
-        _are_sudden(joint, every, own, at, poses, of_readings, smooth)
-        for joint, own in by_joint.items()
-    ):
+    joints = [joint for joint, _ in chosen]
+    steps = _Steps(np.array(joints), every, at, poses, of_readings, smooth)
+    if not (steps.leave_little() and all(map(steps.are_sudden, set(joints)))):
         return None
     found = []
     for k, step in enumerate(chosen):
@@ -141,43 +139,41 @@ def joint_steps_of(
     )
 
 
-def _leave_little(
-    every: Array, at: FittedModel, poses: Observations, of_readings: Array, smooth: Sequence[Array]
-) -> bool:
-    """Return whether steps leave little of the squared error, alone and beside smooth functions.
+@dataclass(frozen=True, eq=False)
+class _Steps:
+    """Steps of k joints, to be held against errors that go with the pose or come on gradually."""
 
-    Of that of positions, in the noise of readings: orientations may be all noise, and errors of
-    joints count as noise elsewhere, steps among them.
-    """
-    seen = np.isin(np.arange(of_readings.shape[2]), poses.measured.position_columns)
-    return all(
-        StepRows(at, poses, of_readings * seen, *beside).best(every, _FROM_FIRST).remaining
-        <= CHANGE.most_left_share
-        for beside in ((), smooth)
-    )
+    joints: Index  # (k,) from 1
+    columns: Array  # (P, b, k)
+    at: FittedModel
+    poses: Observations
+    whitener: Array  # (P, b, b) of the noise of readings alone: steps are errors of joints, too
+    smooth: Sequence[Array]  # columns (P, b, c) of all that depends on the pose or on time
 
+    def leave_little(self) -> bool:
+        """Return whether they leave little of the squared error, alone and beside `smooth`.
 
-def _are_sudden(
-    joint: int,
-    every: Array,
-    own: Mask,
-    at: FittedModel,
-    poses: Observations,
-    of_readings: Array,
-    smooth: Sequence[Array],
-) -> bool:
-    """Return whether the steps of a joint gain beside an error of it that comes on gradually.
+        Of that of positions: orientations may be all noise.
+        """
+        seen = np.isin(np.arange(self.whitener.shape[2]), self.poses.measured.position_columns)
+        return all(
+            StepRows(self.at, self.poses, self.whitener * seen, *beside)
+            .best(self.columns, _FROM_FIRST)
+            .remaining
+            <= CHANGE.most_left_share
+            for beside in ((), self.smooth)
+        )
 
-    Args:
-        every: (P, b, k) columns of all steps.
-        own: (k,) those of this joint; it is judged beside the others.
-    """
-    by_joint = CHANGE.size * linear.by_joints(at, poses, (joint,))
-    courses = (*gradual_courses(poses), *_settling(poses))
-    gradual = [CHANGE.static_sizes * by_joint * course for course in courses]
-    others = CHANGE.static_sizes * every[:, :, ~own]
-    rows = StepRows(at, poses, of_readings, *smooth, *gradual, others)
-    return rows.best(every[:, :, own], _FROM_FIRST).gain >= _needed(at, poses)
+    def are_sudden(self, joint: int) -> bool:
+        """Return whether those of a joint gain beside an error of it that comes on gradually."""
+        own = self.joints == joint
+        by_joint = CHANGE.size * linear.by_joints(self.at, self.poses, (joint,))
+        courses = (*gradual_courses(self.poses), *_settling(self.poses))
+        gradual = [CHANGE.static_sizes * by_joint * course for course in courses]
+        others = CHANGE.static_sizes * self.columns[:, :, ~own]
+        rows = StepRows(self.at, self.poses, self.whitener, *self.smooth, *gradual, others)
+        gain = rows.best(self.columns[:, :, own], _FROM_FIRST).gain
+        return gain >= _needed(self.at, self.poses)
 
 
 def _settling(poses: Observations) -> list[Array]:
@@ -189,7 +185,7 @@ def _settling(poses: Observations) -> list[Array]:
 
 def _needed(at: FittedModel, poses: Observations) -> float:
     """Return the gain in log evidence that a step needs [nat]."""
-    tried = len(poses) * at.model.chain.arm.n * len(CHANGE.scales)
+    tried = len(poses) * at.arm.n * len(CHANGE.scales)
     return float(np.log(tried / CHANGE.false_rate))
 
 
@@ -207,7 +203,7 @@ def _time_before(row: int, poses: Observations) -> float:
 
 def _chosen(at: FittedModel, poses: Observations, whitener: Array) -> list[tuple[int, float]]:
     """Return the joints and times of steps that gain enough one after the other, by time."""
-    joints = range(1, at.model.chain.arm.n + 1)
+    joints = range(1, at.arm.n + 1)
     of_each = {joint: CHANGE.size * linear.by_joints(at, poses, (joint,)) for joint in joints}
     found: list[tuple[int, float]] = []
 

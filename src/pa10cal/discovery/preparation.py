@@ -105,7 +105,7 @@ def prepared(
     setup: MeasurementSetup,
     faults: Sequence[DiagnosedFault] = (),
 ) -> Prepared:
-    """Return a campaign with directions of arrival, orientations and torques, and faulty readings.
+    """Return a campaign made ready: arrivals, orientations, torques, and which readings are faulty.
 
     Args:
         every: single readings of all kinds.
@@ -113,35 +113,19 @@ def prepared(
         setup: what is known besides the readings.
         faults: faults found when the raw files were read.
     """
-    of_input = [
-        DiagnosedFault(
-            kind="direction",
-            where=f"joint {joint}",
-            what=f"joint {joint} is logged to arrive from the other side than where it stood "
-            "before, nearly always, and the other joints are not; its directions were reversed",
-            remedy=f"check the sign of q{joint}_deg in the log of approaches",
-        )
-        for joint in (np.flatnonzero(reversed_joints(every)) + 1).tolist()
-    ]
+    of_input = _reversed_arrivals(every)
     every, from_order = with_arrivals(every, model.arm)
-    as_calibrated = model.with_bends()
     if model.fitted_to is not None:
         of_input += faults_of_input(model.fitted_to.suspicions)
-
-    def of_model(poses: Observations) -> tuple[Observations, TorqueSource]:
-        """Return poses with the end-effector's orientations and the torques that springs carry."""
-        poses = poses.turned(model.R_ee_target)
-        states, torques = with_torques(model.model, model.x, poses.states, setup.payload)
-        return poses.with_states(states), torques
-
-    readings, torques = of_model(every.of_kind("grid"))
+    readings, torques = _as_modelled(every.of_kind("grid"), model, setup)
+    as_calibrated = model.with_bends()
     whole = complete(readings, as_calibrated, setup)
     of_rows = row_faults(whole, as_calibrated, setup.payload, torques)
-    single, held_out, suspected = every.of_kind("holdout"), None, None
     faults = (*faults, *of_input, *of_rows.faults)
+    single, held_out, suspected = every.of_kind("holdout"), None, None
     if len(single):
-        held_out, _ = of_model(average_repeats(single))
-        alone = complete(of_model(single)[0], as_calibrated, setup)
+        held_out, _ = _as_modelled(average_repeats(single), model, setup)
+        alone = complete(_as_modelled(single, model, setup)[0], as_calibrated, setup)
         of_held_out = held_out_faults(alone, as_calibrated, whole.take(~of_rows.excluded))
         faults = (*faults, *of_held_out.faults)
         if of_held_out.excluded.any():
@@ -159,6 +143,29 @@ def prepared(
         excluded=of_rows.excluded,
         suspected=suspected,
     )
+
+
+def _reversed_arrivals(every: Observations) -> list[DiagnosedFault]:
+    """Return the joints whose logged directions of arrival have the wrong sign, as faults."""
+    return [
+        DiagnosedFault(
+            kind="direction",
+            where=f"joint {joint}",
+            what=f"joint {joint} is logged to arrive from the other side than where it stood "
+            "before, nearly always, and the other joints are not; its directions were reversed",
+            remedy=f"check the sign of q{joint}_deg in the log of approaches",
+        )
+        for joint in (np.flatnonzero(reversed_joints(every)) + 1).tolist()
+    ]
+
+
+def _as_modelled(
+    poses: Observations, model: FittedModel, setup: MeasurementSetup
+) -> tuple[Observations, TorqueSource]:
+    """Return poses with the end-effector's orientations and the torques that springs carry."""
+    poses = poses.turned(model.R_ee_target)
+    states, torques = with_torques(model.model, model.x, poses.states, setup.payload)
+    return poses.with_states(states), torques
 
 
 def complete(
