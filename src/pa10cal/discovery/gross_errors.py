@@ -116,12 +116,11 @@ class _Repeats:
         """Return the gross errors by a whitener (P, b, b) of readings.
 
         The usual scatter of each kind of component is found from readings but those `without`, and
-        is at least the factor `least` of what the whitener has. In each group the reading furthest
-        from the others is excluded, as long as one is beyond the limit.
+        is at least the factor `least` of what the whitener has.
         """
-        readings, group = self.readings, self.group
+        readings = self.readings
         seen = readings.measured.components_seen
-        alone = np.bincount(group)[group] < 2
+        alone = np.bincount(self.group)[self.group] < 2
         first, scale = self.whitened(whitener, without), np.ones(seen.shape[1])
         for _, at in readings.measured.component_kinds:
             here = (first[:, at] != 0.0) & ~(alone | without)[:, None]
@@ -129,24 +128,33 @@ class _Repeats:
         components = np.maximum(seen.sum(axis=1), 1)
         limit = np.sqrt(chdtri(components, ROWS.excluded_rate / len(readings)))
         limit *= 1.0 + ROWS.scale_error / np.sqrt(float(seen[~(alone | without)].sum()))
-        of_model = np.linalg.norm(by_stated(readings, self.residual), axis=1)
-        out = np.zeros(len(readings), dtype=bool)
+        out = self._beyond(limit, whitener / scale[:, None])
+        white = self.whitened(whitener, out) / scale
+        times = times_usual(white, readings)
+        out &= ~_in_time(out, readings.states.time_s)
+        beyond = _beyond_tails(white, readings, ~(alone | out), ~alone)
+        return GrossErrors(out, out & beyond, times, np.zeros(len(readings)))
+
+    def _beyond(self, limit: Array, whitener: Array) -> Mask:
+        """Return which readings (P,) are excluded, group by group the furthest first.
+
+        Args:
+            limit: (P,) of the length of whitened deviations.
+            whitener: (P, b, b).
+        """
+        group, out = self.group, np.zeros(len(self.readings), dtype=bool)
+        of_model = np.linalg.norm(by_stated(self.readings, self.residual), axis=1)
         while True:
-            distance = np.linalg.norm(self.whitened(whitener, out) / scale, axis=1)
+            distance = np.linalg.norm(self.whitened(whitener, out), axis=1)
             far = np.flatnonzero(~out & (distance > limit))
             if not len(far):
-                break
+                return out
             # Of two readings the one further from the model; of more, the one off the others.
             remaining = np.bincount(group[~out], minlength=group.max() + 1)[group]
             several = np.where(remaining[far] > 2, distance[far], 0.0)
             furthest = far[np.lexsort((of_model[far], several))[::-1]]
             worst = np.unique(group[furthest], return_index=True)[1]
             out[furthest[worst]] = True
-        white = self.whitened(whitener, out) / scale
-        times = times_usual(white, readings)
-        out &= ~_in_time(out, readings.states.time_s)
-        beyond = _beyond_tails(white, readings, ~(alone | out), ~alone)
-        return GrossErrors(out, out & beyond, times, np.zeros(len(readings)))
 
 
 def _of_one_joint(readings: Observations, model: FittedModel, apart: Array, out: Mask) -> bool:

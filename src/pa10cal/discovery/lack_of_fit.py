@@ -208,11 +208,7 @@ def _by_joint(residuals: CellResiduals) -> Iterator[records.JointPart]:
     )
     for j, (error_rad, std_rad) in enumerate(zip(errors[0].T, errors[1].T, strict=True)):
         q_rad, arrival, weight = cells.states.q_rad[:, j], cells.states.arrival[:, j], std_rad**-2.0
-        share, arrivals = weight / weight.sum(), []
-        for sign in (-1, 1):
-            if (rows := np.sign(arrival) == sign).any():
-                of = mean(error_rad[rows], weight[rows], cells.pose[rows])
-                arrivals.append(records.Arrival(direction=sign, mean_rad=of.value, std_rad=of.std))
+        share = weight / weight.sum()
         torque_Nm = noise_Nm = None
         if residuals.torque_Nm is not None and residuals.torque_noise_Nm is not None:
             torque_Nm = rounded(residuals.torque_Nm[shown, j])
@@ -221,7 +217,7 @@ def _by_joint(residuals: CellResiduals) -> Iterator[records.JointPart]:
             joint=j + 1,
             rms_rad=float(np.sqrt(share @ error_rad**2)),
             floor_rad=float(np.sqrt(share @ std_rad**2)),
-            arrivals=tuple(arrivals),
+            arrivals=tuple(_by_arrival(error_rad, weight, arrival, cells.pose)),
             periodogram=None
             if arm.prismatic[j]
             else periodogram(q_rad, error_rad, weight, float(arm.gear_ratio[j])),
@@ -232,6 +228,16 @@ def _by_joint(residuals: CellResiduals) -> Iterator[records.JointPart]:
             torque_residual_Nm=torque_Nm,
             torque_noise_Nm=noise_Nm,
         )
+
+
+def _by_arrival(
+    error_rad: Array, weight: Array, arrival: Array, pose: NDArray[np.str_]
+) -> Iterator[records.Arrival]:
+    """Yield the mean error of a joint in cells (C,) reached from either side."""
+    for sign in (-1, 1):
+        if (rows := np.sign(arrival) == sign).any():
+            of = mean(error_rad[rows], weight[rows], pose[rows])
+            yield records.Arrival(direction=sign, mean_rad=of.value, std_rad=of.std)
 
 
 def rounded(values: Array) -> Array:

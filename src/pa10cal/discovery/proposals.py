@@ -93,10 +93,16 @@ def with_lines_named(found: Verdict[S]) -> Verdict[S]:
 
 
 def _with_line_named(found: Verdict[S], proposal: FormulaProposal) -> Verdict[S] | None:
-    """Return the verdict with a line in its map's place; None where the line has no name."""
-    order, held, form = proposal.form.order, proposal.instead, proposal.form
-    of_one_map = len(held) == 1 and held[0].id == JointErrorMap.id and held[0].of == form.of
-    if form.form != "harmonic" or not of_one_map or found.falls_back is not None:
+    """Return the verdict with a line in its map's place; None where the line has no name.
+
+    None too where the map has left the verdict, with another line that was named before.
+    """
+    order, form = proposal.form.order, proposal.form
+    if form.form != "harmonic" or found.falls_back is not None:
+        return None
+    maps = [effect for effect in proposal.instead if effect.id == JointErrorMap.id]
+    of_maps = [finding for finding in found.findings if finding.effect in maps]
+    if len(proposal.instead) != 1 or not of_maps or maps[0].of != form.of:
         return None
     if order is None or order <= CANDIDATES.named_orders:
         return None
@@ -109,6 +115,5 @@ def _with_line_named(found: Verdict[S], proposal: FormulaProposal) -> Verdict[S]
     if not all_around(found.states.q_rad[:, joint - 1]):
         return None
     line = PeriodicError(form.of, float(order))
-    (of_map,) = (finding for finding in found.findings if finding.effect == held[0])
-    refitted = fitted_instead(found, of_map, replace(of_map, effect=line))
+    refitted = fitted_instead(found, of_maps[0], replace(of_maps[0], effect=line))
     return None if refitted is None else harmless(refitted)

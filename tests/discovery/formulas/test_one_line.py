@@ -1,5 +1,7 @@
 """A map that is one line has its name where the joint was seen all around, and else a formula."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -8,6 +10,7 @@ from made_up_arm import Missing, harmonic, measure
 from made_up_survey import Hidden, at_joint, observe
 from pa10cal.discovery.proposals import with_lines_named, with_proposals
 from pa10cal.terms.effects.joint import PeriodicError
+from pa10cal.terms.effects.joint_error_map import FadingPrior, JointErrorMap
 from pa10cal.terms.forms import catalogue
 from pa10cal.terms.forms.catalogue import all_around
 
@@ -59,6 +62,21 @@ def test_repeats_fit_the_line_in_the_place_of_their_map_too(monkeypatch):
     std = np.sqrt(np.diag(finding.covariance))
     assert (np.abs(finding.x - [2e-4, 0.7, 3.0]) <= 4.0 * std).all()
     assert found.extended.effects == (finding.effect,)
+
+
+def test_a_map_that_was_withdrawn_when_another_was_named_gets_no_name():
+    """As in a group, where the refit of one line may harm a campaign by the map of another."""
+    gone = JointErrorMap("joint 3", 36, FadingPrior(1e-4, 6.0))
+    form = SimpleNamespace(order=5, form="harmonic", of="joint 3")
+    proposal = SimpleNamespace(form=form, instead=(gone,), record=SimpleNamespace(orders=(5, 5)))
+    found = SimpleNamespace(
+        proposed=(proposal,),
+        findings=(),
+        falls_back=None,
+        context=SimpleNamespace(arm=SimpleNamespace(gear_ratio=np.full(6, np.nan))),
+        states=SimpleNamespace(q_rad=np.tile(np.linspace(-3.0, 3.0, 50)[:, None], 6)),
+    )
+    assert with_lines_named(found) is found
 
 
 @pytest.mark.parametrize(
