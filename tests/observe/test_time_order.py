@@ -356,6 +356,16 @@ def test_rows_that_lie_at_one_end_in_time_are_told(random_order, rows, told):
     assert not at_one_end(replace(states, timed=np.zeros(ROWS, dtype=bool)), chosen)
 
 
+def test_poses_at_one_end_at_other_joint_positions_are_to_be_kept(random_order):
+    states, chosen = random_order.states, np.arange(ROWS) >= ROWS - 8
+    assert "leave them out" in at_one_end(states, chosen)
+    q_rad = states.q_rad.copy()
+    q_rad[chosen, 1] += np.ptp(q_rad[:, 1])
+    said = at_one_end(replace(states, q_rad=q_rad), chosen)
+    assert "outside those of all others" in said
+    assert "leave" not in said
+
+
 def test_hours_are_told_as_hours(random_order):
     chosen = np.isin(np.arange(ROWS), [*range(20, 32), 70])
     slow = replace(random_order.states, time_s=36.0 * random_order.states.time_s)

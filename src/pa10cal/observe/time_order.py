@@ -264,7 +264,8 @@ def at_one_end(states: PoseStates, chosen: Mask) -> str:
         return ""
     from scipy.stats import hypergeom  # late: half a second, for few campaigns
 
-    rank = np.flatnonzero(chosen[np.argsort(states.time_s, kind="stable")])
+    order = np.argsort(states.time_s, kind="stable")
+    rank = np.flatnonzero(chosen[order])
     inside = np.arange(1, chosen_count + 1)
     lengths = {"first": rank + 1, "last": count - rank[::-1]}  # parts that hold `inside` of them
     chance = {
@@ -276,17 +277,30 @@ def at_one_end(states: PoseStates, chosen: Mask) -> str:
     length = int(lengths[end][best])
     if 2 * chosen_count * chance[end][best] > ORDER.end_rate or length > ORDER.end_share * count:
         return ""
-    time_s = np.sort(states.time_s)
-    part = time_s[:length] if end == "first" else time_s[-length:]
-    why = (
-        "something had not yet settled, such as joints that warm up, or moved; warm the arm up "
-        "before measuring, or leave these poses out"
-        if end == "first"
-        else "something changed there; measure these poses again, or leave them out"
+    part, others = order[:length], order[length:]
+    if end == "last":
+        part, others = order[-length:], order[:-length]
+    q, q_others = states.q_rad[part[chosen[part]]], states.q_rad[others]
+    apart = np.any((q < q_others.min(axis=0)) | (q > q_others.max(axis=0)), axis=1)
+    if 2 * np.count_nonzero(apart) > len(apart):
+        why = (
+            "most of these are at joint positions outside those of all others, so the model may "
+            "lack something that only they show; keep them, and measure more there"
+        )
+    elif end == "first":
+        why = (
+            "something had not yet settled, such as joints that warm up, or moved; warm the arm up "
+            "before measuring, or leave these poses out"
+        )
+    else:
+        why = "something changed there; measure these poses again, or leave them out"
+    durations = (
+        _duration(float(np.ptp(states.time_s[part]))),
+        _duration(float(np.ptp(states.time_s)), _HOUR_S),
     )
     return (
         f"{best + 1} of {chosen_count} are among the {end} {length} of {count} poses, the {end} "
-        f"{_duration(float(np.ptp(part)))} of {_duration(float(np.ptp(time_s)), _HOUR_S)}: {why}"
+        f"{durations[0]} of {durations[1]}: {why}"
     )
 
 
