@@ -21,7 +21,7 @@ import numpy as np
 from pa10cal.arm.chain import BASE
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index
-from pa10cal.discovery.nameless import Beside, all_at_once, beside, with_terms
+from pa10cal.discovery.nameless import AddedTerms, effects_together, with_terms
 from pa10cal.discovery.tuning import FIELD
 from pa10cal.fit.discrepancy import RowsAboutFit, clusters_of, levers_m, places_of
 from pa10cal.fit.fitted import Fitted
@@ -70,12 +70,12 @@ def field_of(model: Fitted, poses: Observations, effects: Sequence[Effect] = ())
     """
     if any(term.at_knots and len(term.parameters) > FIELD.most_knots for term in model.model.terms):
         return None
-    held_out = _HeldOut.of(model, poses)
+    held_out = _HeldOutGroups.of(model, poses)
     if held_out is None:
         return None
     poses = held_out.poses
-    best = held_out.best(Beside.none(model, poses))
-    if effects and (of_effects := all_at_once(model, poses, effects)) is not None:
+    best = held_out.best(AddedTerms.none(model, poses))
+    if effects and (of_effects := effects_together(model, poses, effects)) is not None:
         with_effects = held_out.best(of_effects)
         if with_effects is not None and with_effects.better_than(best):
             best = with_effects
@@ -83,7 +83,7 @@ def field_of(model: Fitted, poses: Observations, effects: Sequence[Effect] = ())
 
 
 @dataclass(frozen=True)
-class _Likely:
+class _LikelyField:
     """A displacement of its most likely size."""
 
     field: Field
@@ -92,11 +92,11 @@ class _Likely:
 
 
 @dataclass(frozen=True, eq=False)
-class _Judged:
+class _JudgedTerms:
     """Terms added to a model, judged by held-out poses."""
 
-    added: Beside
-    held_out: _HeldOut
+    added: AddedTerms
+    held_out: _HeldOutGroups
 
     @cached_property
     def places(self) -> HeldOutSquares:
@@ -119,7 +119,7 @@ class _Judged:
         gains = self.places.sure > FIELD.standard_errors and self.places.gain > FIELD.least_gain
         return gains and self.regions.gain >= -FIELD.most_loss
 
-    def better_than(self, other: _Judged | None) -> bool:
+    def better_than(self, other: _JudgedTerms | None) -> bool:
         """Return whether held-out poses are predicted clearly better than by other terms."""
         least = np.inf if other is None else other.squares_mm2
         return self.squares_mm2 < (1.0 - FIELD.least_gain) * least
@@ -137,7 +137,7 @@ class _Judged:
 
 
 @dataclass(frozen=True, eq=False)
-class _HeldOut:
+class _HeldOutGroups:
     """Poses in groups that are held out in turn."""
 
     model: Fitted  # that lacks something
@@ -149,7 +149,7 @@ class _HeldOut:
     spread_m: float  # of the poses, root mean square
 
     @classmethod
-    def of(cls, model: Fitted, poses: Observations) -> _HeldOut | None:
+    def of(cls, model: Fitted, poses: Observations) -> _HeldOutGroups | None:
         """Return the groups of poses; None where these are too few."""
         poses = poses.thinned_by_pose(FIELD.most_poses)
         _, label = np.unique(poses.pose, return_inverse=True)
@@ -170,13 +170,13 @@ class _HeldOut:
             float(np.sqrt(points.var(axis=0).sum())),
         )
 
-    def best(self, added: Beside) -> _Judged | None:
+    def best(self, added: AddedTerms) -> _JudgedTerms | None:
         """Return the terms already added with the displacement that helps most.
 
         It is the most likely smooth displacement that helps, or a rough one with which the squares
         of held-out poses are smaller. Without one where none helps; None where the terms do not.
         """
-        without = _Judged(added, self) if added.terms else None
+        without = _JudgedTerms(added, self) if added.terms else None
         smooth = [self._field(added, length, "squared exponential") for length in FIELD.lengths]
         likely = sorted(smooth, key=lambda field: -field.gained)
         rough = self._field(added, FIELD.rough_length, "exponential")
@@ -189,19 +189,20 @@ class _HeldOut:
         return best
 
     def _first_helping(
-        self, added: Beside, fields: Sequence[_Likely], without: _Judged | None
-    ) -> _Judged | None:
+        self, added: AddedTerms, fields: Sequence[_LikelyField], without: _JudgedTerms | None
+    ) -> _JudgedTerms | None:
         """Return the added terms with the first of some displacements that helps."""
         for field in fields:
             if field.gained <= 0.0:
                 continue
-            terms, weight = (*added.terms, field.field), added.rows.weight
-            tried = _Judged(beside(self.model, terms, self.poses, field.scatter, weight), self)
+            terms, rows = (*added.terms, field.field), added.rows
+            fitted = AddedTerms.fitted(self.model, terms, self.poses, field.scatter, rows.weight)
+            tried = _JudgedTerms(fitted, self)
             if tried.helps and tried.better_than(without):
                 return tried
         return None
 
-    def _field(self, added: Beside, length: float, kernel: Kernel) -> _Likely:
+    def _field(self, added: AddedTerms, length: float, kernel: Kernel) -> _LikelyField:
         """Return a displacement of a length, in the spread of poses, in its most likely size."""
         field = Field(
             q=tuple(tuple(row) for row in self.through.tolist()),
@@ -211,12 +212,11 @@ class _HeldOut:
             size_m=1.0,
             kernel=kernel,
         )
-        rows = added.rows
-        columns = _columns(field, rows, self.poses.states)
-        size_m, scatter, gained = _most_likely(Gaussian.of(columns, rows.left), rows)
-        return _Likely(replace(field, size_m=size_m), scatter, gained)
+        columns = _columns(field, added.rows, self.poses.states)
+        count = int(np.count_nonzero(added.rows.data))
+        return _of_likeliest_size(field, Gaussian.of(columns, added.rows.left), count)
 
-    def squares(self, added: Beside, group: Index) -> HeldOutSquares:
+    def squares(self, added: AddedTerms, group: Index) -> HeldOutSquares:
         """Return the errors of poses, each group (P,) predicted from all others.
 
         The model is fitted to the others first, then the added terms to its residuals there.
@@ -229,16 +229,16 @@ class _HeldOut:
         return HeldOutSquares(float(without_mm2), float(with_mm2), sure)
 
 
-def _squares_by_group(added: Beside, group: Index) -> Iterator[tuple[float, float]]:
+def _squares_by_group(added: AddedTerms, group: Index) -> Iterator[tuple[float, float]]:
     """Yield the squares of position errors [mm²] of each group, without and with added terms."""
     rows, scatter = added.rows, added.scatter
     columns, data = rows.columns / scatter, rows.data / scatter
-    own, field = np.flatnonzero(~rows.of_field), np.flatnonzero(rows.of_field)
+    of_model, field = np.flatnonzero(~rows.of_field), np.flatnonzero(rows.of_field)
     every = Gaussian.of(columns, data)
     for number in np.unique(group).tolist():
         out = np.flatnonzero(group == number)
-        *_, mean = (every - Gaussian.of(columns[out], data[out])).in_turn(own, field)
-        without = data[out] - columns[out][..., own] @ mean[own]
+        *_, mean = (every - Gaussian.of(columns[out], data[out])).in_turn(of_model, field)
+        without = data[out] - columns[out][..., of_model] @ mean[of_model]
         with_terms = without - columns[out][..., field] @ mean[field]
         to_mm = scatter * rows.to_mm[out]
         yield float(np.sum((to_mm * without) ** 2)), float(np.sum((to_mm * with_terms) ** 2))
@@ -259,27 +259,27 @@ def with_field(model: F, fit: FieldFit) -> F:
     return replace(at, x=np.concatenate([model.x, fit.x]), covariance=covariance)
 
 
-def by_joint(model: Fitted, beside: Fitted, states: PoseStates) -> Array:
+def by_joint(model: Fitted, extended: Fitted, states: PoseStates) -> Array:
     """Return the part (n,) of the variance of added terms over the poses that follows each joint.
 
     These are total-effect indices, by the change where the joint's position is that of another pose
     (M. J. W. Jansen, Computer Physics Communications 117, 1999), scaled to a sum of one.
     """
     q, others = states.q_rad, np.random.default_rng(0).permutation(len(states))
-    here, changed = _displacement_m(model, beside, states), np.zeros(states.n)
+    here, changed = _displacement_m(model, extended, states), np.zeros(states.n)
     for joint in range(states.n):
         elsewhere = q.copy()
         elsewhere[:, joint] = q[others, joint]
-        away = _displacement_m(model, beside, replace(states, q_rad=elsewhere))
+        away = _displacement_m(model, extended, replace(states, q_rad=elsewhere))
         changed[joint] = np.sum((away - here) ** 2)
     total = float(changed.sum())
     return changed / total if total else changed
 
 
-def _displacement_m(model: Fitted, beside: Fitted, states: PoseStates) -> Array:
+def _displacement_m(model: Fitted, extended: Fitted, states: PoseStates) -> Array:
     """Return how far added terms move the first target, or the tool, (P, 3)."""
     frame, places = [*model.frames][-1], []
-    for either in (model, beside):
+    for either in (model, extended):
         forward = Forward.of(either, frame)
         at = states if either.payload is None else forward.states(states)
         places.append(forward.T_base_frame(at)[:, :3, 3])
@@ -293,22 +293,21 @@ def _columns(field: Field, rows: RowsAboutFit, states: PoseStates) -> Array:
     return np.asarray(by_base @ field.derivative(states, np.zeros(0)))
 
 
-def _most_likely(every: Gaussian, rows: RowsAboutFit) -> tuple[float, float, float]:
-    """Return the most likely size of amounts [m], the scatter of a row, and the evidence gained.
+def _of_likeliest_size(field: Field, equations: Gaussian, count: int) -> _LikelyField:
+    """Return a displacement in its most likely size r s, by `count` rows of the variance s².
 
-    The scatter is profiled: x ~ N(0, r² s² I), s² the variance of a row.
+    The scatter s is profiled: amounts are x ~ N(0, r² s² I).
     """
-    count = np.count_nonzero(rows.data)
-    values, vectors = np.linalg.eigh(every.gram)
-    values, along = np.maximum(values, 0.0), vectors.T @ every.projection
-    sizes_m = np.geomspace(*FIELD.sizes_m)
+    values, vectors = np.linalg.eigh(equations.gram)
+    values, along = np.maximum(values, 0.0), vectors.T @ equations.projection
+    sizes_m = np.geomspace(*FIELD.sizes_m)  # r
     ratio = sizes_m[:, None] ** 2
-    removed = ratio * along**2 / (1.0 + ratio * values)
-    variance = (
-        np.maximum(every.squares - removed.sum(axis=1), FIELD.least_scatter * every.squares) / count
-    )
+    squares = equations.squares
+    removed = np.sum(ratio * along**2 / (1.0 + ratio * values), axis=1)
+    variance = np.maximum(squares - removed, FIELD.least_scatter * squares) / count
     complexity = np.log1p(ratio * values).sum(axis=1)
-    gained = 0.5 * (count * np.log(every.squares / count / variance) - complexity)
+    gained = 0.5 * (count * np.log(squares / count / variance) - complexity)
     best = int(np.argmax(gained))
     scatter = float(np.sqrt(variance[best]))
-    return float(sizes_m[best]) * scatter, scatter, float(gained[best])
+    size_m = float(sizes_m[best]) * scatter
+    return _LikelyField(replace(field, size_m=size_m), scatter, float(gained[best]))

@@ -61,7 +61,7 @@ def nameless_effects(
 
 
 @dataclass(frozen=True, eq=False)
-class Beside:
+class AddedTerms:
     """Terms added to a model whose own parameters stay as they are."""
 
     model: Fitted  # the model with the terms
@@ -70,28 +70,33 @@ class Beside:
     scatter: float  # standard deviation of a row
 
     @classmethod
-    def none(cls, model: Fitted, poses: Observations) -> Beside:
+    def none(cls, model: Fitted, poses: Observations) -> AddedTerms:
         """Return that no term is added to a model."""
         return cls(model, (), RowsAboutFit.of(model, poses), 1.0)
+
+    @classmethod
+    def fitted(
+        cls,
+        model: Fitted,
+        terms: Sequence[Term],
+        poses: Observations,
+        scatter: float,
+        weight: Array,
+    ) -> AddedTerms:
+        """Return terms in their most likely amounts by poses of weights (P,), linear about them."""
+        at = with_terms(model, terms)
+        added = cls(at, tuple(terms), RowsAboutFit.of(at, poses, weight), scatter)
+        x, of_field = at.x.copy(), at.model.having("field")
+        # The residual is predicted less measured.
+        x[of_field] = -added.amounts.mean * added.rows.sizes[added.rows.of_field]
+        at = replace(at, x=x)
+        return replace(added, model=at, rows=RowsAboutFit.of(at, poses, weight))
 
     @property
     def amounts(self) -> Gaussian:
         """Return the normal equations of the amounts, each in units of its size."""
         columns = self.rows.columns[:, :, self.rows.of_field]
         return Gaussian.of(columns / self.scatter, self.rows.data / self.scatter)
-
-
-def beside(
-    model: Fitted, terms: Sequence[Term], poses: Observations, scatter: float, weight: Array
-) -> Beside:
-    """Return terms added to a model in their most likely amounts, linear about it."""
-    at = with_terms(model, terms)
-    none = Beside(at, tuple(terms), RowsAboutFit.of(at, poses, weight), scatter)
-    x, of_field = at.x.copy(), at.model.having("field")
-    # The residual is predicted less measured.
-    x[of_field] = -none.amounts.mean * none.rows.sizes[none.rows.of_field]
-    at = replace(at, x=x)
-    return replace(none, model=at, rows=RowsAboutFit.of(at, poses, weight))
 
 
 def with_terms(model: F, terms: Sequence[Term]) -> F:
@@ -106,7 +111,9 @@ def with_terms(model: F, terms: Sequence[Term]) -> F:
     )
 
 
-def all_at_once(model: Fitted, poses: Observations, effects: Sequence[Effect]) -> Beside | None:
+def effects_together(
+    model: Fitted, poses: Observations, effects: Sequence[Effect]
+) -> AddedTerms | None:
     """Return departures and effects added to a model, in their most likely sizes and amounts.
 
     None where the size of every effect goes to zero.
@@ -114,21 +121,21 @@ def all_at_once(model: Fitted, poses: Observations, effects: Sequence[Effect]) -
     chain, geometry = model.model.chain, _departures(model, poses.measured)
     whole = _nameless(chain, geometry, effects, [1.0] * len(effects))
     rows = RowsAboutFit.of(with_terms(model, [whole]), poses)
-    every = Gaussian.of(rows.columns[:, :, rows.of_field], rows.data)
-    own = sum(len(term.parameters) for term in geometry)
-    ends = own + np.cumsum([0, *(len(effect.parameters) for effect in effects)])
-    groups = [np.arange(*pair) for pair in pairwise(ends)]
+    equations = Gaussian.of(rows.columns[:, :, rows.of_field], rows.data)
+    first = sum(len(term.parameters) for term in geometry)
+    ends = first + np.cumsum([0, *(len(effect.parameters) for effect in effects)])
+    amounts_of = [np.arange(*pair) for pair in pairwise(ends)]
     count = int(np.count_nonzero(rows.data))
-    sizes, scatter = _most_likely(every, count, own, groups)
+    sizes, scatter = _likeliest_sizes(equations, count, amounts_of)
     kept = [k for k, size in enumerate(sizes) if size > FIELD.sizes[0]]
     if not kept:
         return None
     terms = [_nameless(chain, geometry, [effects[k] for k in kept], [sizes[k] for k in kept])]
-    found = beside(model, terms, poses, scatter, rows.weight)
-    # Poses are weighed anew, by their residuals now.
+    found = AddedTerms.fitted(model, terms, poses, scatter, rows.weight)
+    # Weights of poses follow from their residuals with the terms.
     again = RowsAboutFit.of(found.model, poses)
     scatter *= float(np.linalg.norm(again.left) / np.linalg.norm(found.rows.left))
-    return beside(model, terms, poses, scatter, again.weight)
+    return AddedTerms.fitted(model, terms, poses, scatter, again.weight)
 
 
 def _departures(model: Fitted, measured: Instrument) -> tuple[Term, ...]:
@@ -152,47 +159,49 @@ def _nameless(
     return Nameless((*geometry, *effects), tuple(every.tolist()))
 
 
-def _most_likely(
-    every: Gaussian, count: int, own: int, groups: Sequence[Index]
+def _likeliest_sizes(
+    equations: Gaussian, count: int, amounts_of: Sequence[Index]
 ) -> tuple[Array, float]:
-    """Return the most likely size of each group of unknowns, and the scatter of a row.
+    """Return the likeliest size of each of m effects, (m,), and the scatter of a row.
 
     Fixed-point iteration: expectation maximisation first, since MacKay's faster steps diverge from
     a bad start.
 
     Args:
-        every: normal equations of rows of unit scatter.
+        equations: normal equations of rows of unit scatter, by amounts of departures and effects.
         count: number of components seen.
-        own: number of unknowns before the groups, whose sizes are known.
-        groups: unknowns of each group.
+        amounts_of: the amounts of each effect, after those of departures, whose sizes are known.
     """
-    gram, projection, squares = every.gram, every.projection, every.squares
     none, first, most = (size**2 for size in FIELD.sizes)
+    least = none**2  # so small that logarithms and quotients stay finite
     of_expectation, steps = FIELD.size_steps
-    variances = np.full(len(groups), first)
-    prior_variances = np.ones(len(projection))
-    scatter2, least = squares / count, none**2
+    number = np.array([len(at) for at in amounts_of])
+    departures = equations.unknowns - int(number.sum())
+    variances, row_variance = np.full(len(amounts_of), first), equations.squares / count
+    prior_variances = np.ones(equations.unknowns)
     for step in range(steps):
-        for at, variance in zip(groups, variances, strict=True):
+        for at, variance in zip(amounts_of, variances, strict=True):
             prior_variances[at] = variance
-        found = every.in_sizes(np.sqrt(prior_variances / scatter2))
-        # Projections are still those of rows that are not divided by their scatter.
-        x = np.sqrt(prior_variances) * found.taken_of(found.projection / np.sqrt(scatter2))
-        posterior_variances = prior_variances * np.diag(found.covariance)
-        before = variances.copy()
-        dof = np.zeros(len(groups))  # effective number of parameters of each group
-        for k, at in enumerate(groups):
-            dof[k] = max(len(at) - posterior_variances[at].sum() / variances[k], least)
-            amount = float(x[at] @ x[at])
-            if step < of_expectation:
-                variances[k] = (amount + posterior_variances[at].sum()) / len(at)
-            else:
-                variances[k] = amount / dof[k]
-        variances = np.clip(variances, least, most)
-        remaining = squares - 2.0 * float(projection @ x) + float(x @ gram @ x)
-        scatter2 = remaining / max(count - own - float(dof.sum()), 1.0)
+        mean, posterior_variances = _posterior(equations, prior_variances, row_variance)
+        of_mean = np.array([mean[at] @ mean[at] for at in amounts_of])
+        of_posterior = np.array([posterior_variances[at].sum() for at in amounts_of])
+        dof = np.maximum(number - of_posterior / variances, least)  # effective parameters of each
+        likelier = (of_mean + of_posterior) / number if step < of_expectation else of_mean / dof
+        before, variances = variances, np.clip(likelier, least, most)
+        left = max(count - departures - float(dof.sum()), 1.0)
+        row_variance = equations.squares_at(mean) / left
         there = variances > none
         moved = np.abs(np.log(variances / before))[there].max(initial=0.0)
         if step > of_expectation and moved < FIELD.settled:
             break
-    return np.sqrt(variances), float(np.sqrt(scatter2))
+    return np.sqrt(variances), float(np.sqrt(row_variance))
+
+
+def _posterior(
+    equations: Gaussian, prior_variances: Array, row_variance: float
+) -> tuple[Array, Array]:
+    """Return mean and variance (k,) of amounts of some prior variances (k,)."""
+    scaled = equations.in_sizes(np.sqrt(prior_variances / row_variance))
+    # Projections are still those of rows that are not divided by their scatter.
+    mean = np.sqrt(prior_variances) * scaled.taken_of(scaled.projection / np.sqrt(row_variance))
+    return mean, prior_variances * np.diag(scaled.covariance)
