@@ -61,45 +61,48 @@ def with_compliance(found: Verdict[S]) -> Verdict[S]:
     nats = {spring: problem.nats_lost_if_rigid(spring) for spring in springs}
     shown = [s for s in springs if nats[s] >= needed and (JointCompliance.id, s.of) in rivals]
     shown.sort(key=lambda spring: -nats[spring])
-    held_out, judging = problem.held_out, problem.held_out or problem.poses
-    all_rigid_mm = problem.rigid(*shown).errors_mm(judging)
-    gives_way_mm = linear.rms(problem.errors_mm(problem.poses))
-    held_out_mm = None if held_out is None else linear.rms(problem.errors_mm(held_out))
-    commanded = found.context.commanded
-    most_rad, too_far = most_wound_up(found.baseline.arm.reach_m, commanded=commanded)
+    all_rigid = problem.rigid(*shown)
     findings, unexplained = [], list(found.unexplained)
     for spring in shown:
-        rigid, sized = problem.rigid(spring), problem.stiffness(spring)
-        if sized.sag_rad - HALF_WIDTH_95 * sized.sag_u_rad > most_rad:
-            unexplained.append(_sags_too_far(found, spring, sized.sag_rad, too_far))
+        stiffness = problem.stiffness(spring)
+        if (too_far := _sags_too_far(found, spring, stiffness)) is not None:
+            unexplained.append(too_far)
             continue
+        rigid = problem.rigid(spring)
         proof = GivesWay(
             lost_without_it_nats=nats[spring],
             needed_nats=needed,
-            sag_mrad=1e3 * sized.sag_rad,
-            sag_u_mrad=1e3 * sized.sag_u_rad,
-            rigid_mm=linear.rms(rigid.errors_mm(problem.poses)),
-            gives_way_mm=gives_way_mm,
-            held_out_rigid_mm=None if held_out is None else linear.rms(rigid.errors_mm(held_out)),
-            held_out_gives_way_mm=held_out_mm,
-            all_rigid_mm=linear.rms(all_rigid_mm),
-            without_each_mm=rigid.errors_mm(judging),
-            all_rigid_each_mm=all_rigid_mm,
+            sag_mrad=1e3 * stiffness.sag_rad,
+            sag_u_mrad=1e3 * stiffness.sag_u_rad,
+            rigid_mm=linear.rms(rigid.fitted_mm),
+            gives_way_mm=linear.rms(problem.fitted_mm),
+            held_out_rigid_mm=rigid.held_out_rms_mm,
+            held_out_gives_way_mm=problem.held_out_rms_mm,
+            all_rigid_mm=linear.rms(all_rigid.judged_mm),
+            without_each_mm=rigid.judged_mm,
+            all_rigid_each_mm=all_rigid.judged_mm,
             weights=_relative_to(found),
         )
-        finding = Finding(
-            effect=JointCompliance(spring.of, spring.tau_ref_Nm),
-            x=np.array([sized.Nm_rad]),
-            covariance=np.array([[sized.u_Nm_rad**2]]),
-            alternatives=(),
-            proof=proof,
-            rivals=rivals[JointCompliance.id, spring.of],
-        )
-        finding = in_doubt(found, finding)
+        of_spring = rivals[JointCompliance.id, spring.of]
+        finding = in_doubt(found, _finding(spring, stiffness, proof, of_spring))
         few = len(finding.with_likely().alternatives) <= NAMES.most_alternatives
         if few and not finding.is_unlikely:
             findings.append(finding)
     return replace(found, gives_way=tuple(findings), unexplained=tuple(unexplained))
+
+
+def _finding(
+    spring: JointSpring, stiffness: _Stiffness, proof: GivesWay, rivals: tuple[Rival, ...]
+) -> Finding[GivesWay]:
+    """Return the finding of a joint that gives way."""
+    return Finding(
+        effect=JointCompliance(spring.of, spring.tau_ref_Nm),
+        x=np.array([stiffness.Nm_rad]),
+        covariance=np.array([[stiffness.u_Nm_rad**2]]),
+        alternatives=(),
+        proof=proof,
+        rivals=rivals,
+    )
 
 
 def _relative_to(found: Verdict) -> Literal["assumed", "total", "logged"] | None:
@@ -111,13 +114,17 @@ def _relative_to(found: Verdict) -> Literal["assumed", "total", "logged"] | None
     return "total" if weights_known(found.baseline.arm).origin == "total" else "assumed"
 
 
-def _sags_too_far(found: Verdict, spring: JointSpring, sag_rad: float, why: str) -> Unexplained:
-    """Return the unexplained part of a spring whose joint would sag farther than is possible."""
+def _sags_too_far(found: Verdict, spring: JointSpring, stiffness: _Stiffness) -> Unexplained | None:
+    """Return the unexplained part of a spring by which a joint surely sags too far, else None."""
+    commanded = found.context.commanded
+    most_rad, why = most_wound_up(found.baseline.arm.reach_m, commanded=commanded)
+    if not stiffness.sag_rad - HALF_WIDTH_95 * stiffness.sag_u_rad > most_rad:
+        return None
     text = (
         f"joint_compliance of {spring.of} fits best, but is not named: it would sag by "
-        f"{1e3 * sag_rad:.0f} mrad: {why}"
+        f"{1e3 * stiffness.sag_rad:.0f} mrad: {why}"
     )
-    if not found.context.commanded:
+    if not commanded:
         text += "; if positions were commanded and not read back, state joints: commanded"
     remaining_mm = found.train.after.mean_mm
     return Unexplained(
@@ -238,7 +245,22 @@ class _LinearProblem:
         """Return the weighted sum of squares at that step, priors included."""
         return self.posterior.left
 
-    def errors_mm(self, poses: Observations) -> Array:
+    @cached_property
+    def fitted_mm(self) -> Array:
+        """Return the position errors (P,) that remain at the poses fitted after the step."""
+        return self._errors_mm(self.poses)
+
+    @cached_property
+    def judged_mm(self) -> Array:
+        """Return the same at the held-out poses, or without any at those fitted."""
+        return self.fitted_mm if self.held_out is None else self._errors_mm(self.held_out)
+
+    @property
+    def held_out_rms_mm(self) -> float | None:
+        """Return the root mean square error of held-out poses; None without any."""
+        return None if self.held_out is None else linear.rms(self.judged_mm)
+
+    def _errors_mm(self, poses: Observations) -> Array:
         """Return the position errors (P,) that remain in poses after the step, to first order.
 
         The step may take springs beyond their bounds: only the remaining errors are used.
