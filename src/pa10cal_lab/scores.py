@@ -72,11 +72,13 @@ def tables_of(trials: Sequence[blind_trial.BlindTrial]) -> dict[TableName, pd.Da
 
 def _trial_row(t: blind_trial.BlindTrial) -> dict[str, Any]:
     """Return the row of a trial in the table of trials."""
+    return _about(t) | _names_row(t) | _faults_row(t) | _predicted_row(t)
+
+
+def _about(t: blind_trial.BlindTrial) -> dict[str, Any]:
+    """Return what a trial is, and whether it has a verdict."""
     verdict = t.verdict
-    without_springs, without_background = t.without_springs(), t.without_background()
-    above_limit = [hidden for hidden in t.to_be_named if t.is_above(hidden)]
-    hidden_names = {hidden.name for hidden in t.hidden}
-    row: dict[str, Any] = {
+    return {
         "campaign": t.truth.campaign,
         "kind": t.kind,
         "layout": t.truth.layout,
@@ -85,9 +87,18 @@ def _trial_row(t: blind_trial.BlindTrial) -> dict[str, Any]:
         "refused": t.refused,
         "unexplained": verdict is not None and verdict.word == "unexplained",
         "word": t.judgement.word if verdict is not None else "",
-        "names": len(t.effects),
         "hides": len(t.hidden),
         "first": t.hidden[0].id if t.hidden else "",
+    }
+
+
+def _names_row(t: blind_trial.BlindTrial) -> dict[str, Any]:
+    """Return how names and formulas of a trial compare with what it hides."""
+    without_springs, without_background = t.without_springs(), t.without_background()
+    above_limit = [hidden for hidden in t.to_be_named if t.is_above(hidden)]
+    hidden_names = {hidden.name for hidden in t.hidden}
+    return {
+        "names": len(t.effects),
         "extra": t.extra(),
         "confidently_wrong": t.is_confidently_wrong(),
         "right_place": t.kind == blind_trial.OUTSIDE and t.has_right_place(),
@@ -98,9 +109,6 @@ def _trial_row(t: blind_trial.BlindTrial) -> dict[str, Any]:
         "outside": t.is_outside(),
         "right_formula": t.proposes(right=True),
         "wrong_formula": t.proposes(right=False),
-        "has_fault": t.has_fault(),
-        "undisturbed": not any(each.kinds or each.measured for each in t.put_in),
-        "disturbed": t.hides_much() or any(map(t.matters, t.put_in)),
         "false_name": without_springs.extra() > 0,
         "confident_false_name": without_springs.is_confidently_wrong(blind_trial.CHECK),
         "wrong_name": t.has_wrong_name(),
@@ -111,23 +119,36 @@ def _trial_row(t: blind_trial.BlindTrial) -> dict[str, Any]:
             effect.id != blind_trial.MAP and hidden_names.isdisjoint(effect.all_names)
             for effect in t.effects
         ),
+    }
+
+
+def _faults_row(t: blind_trial.BlindTrial) -> dict[str, Any]:
+    """Return what was put into the log of a trial, and what is said of the log."""
+    return {
+        "has_fault": t.has_fault(),
+        "undisturbed": not any(each.kinds or each.measured for each in t.put_in),
+        "disturbed": t.hides_much() or any(map(t.matters, t.put_in)),
         "false_comfort": t.has_false_comfort(),
         "worse": t.is_worse(),
         "accused": t.suspects_data(),
         "motion_as_fact": bool(t.motions_as_facts()),
-        **dict.fromkeys(("says_something", "nameless"), False),
-        **dict.fromkeys(("held_out_mm", "seconds", "whole_seconds"), np.nan),
     }
-    if verdict is not None:
-        row |= {
-            "says_something": verdict.says_something,
-            "nameless": bool(verdict.places)
-            or any(e.id in (blind_trial.MAP, blind_trial.LINE) for e in t.effects),
-            "held_out_mm": verdict.held_out_after_mm or np.nan,
-            "seconds": verdict.seconds,
-            "whole_seconds": verdict.seconds + verdict.seconds_simulating + t.truth.seconds_twin,
-        }
-    return row
+
+
+def _predicted_row(t: blind_trial.BlindTrial) -> dict[str, Any]:
+    """Return what a verdict says without names, its held-out error, and the time it took."""
+    verdict = t.verdict
+    if verdict is None:
+        row: dict[str, Any] = dict.fromkeys(("says_something", "nameless"), False)
+        return row | dict.fromkeys(("held_out_mm", "seconds", "whole_seconds"), np.nan)
+    maps = any(effect.id in (blind_trial.MAP, blind_trial.LINE) for effect in t.effects)
+    return {
+        "says_something": verdict.says_something,
+        "nameless": bool(verdict.places) or maps,
+        "held_out_mm": verdict.held_out_after_mm or np.nan,
+        "seconds": verdict.seconds,
+        "whole_seconds": verdict.seconds + verdict.seconds_simulating + t.truth.seconds_twin,
+    }
 
 
 def _effect_rows(t: blind_trial.BlindTrial) -> Iterator[dict[str, Any]]:

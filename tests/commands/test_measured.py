@@ -13,16 +13,19 @@ import pytest
 from made_up_datasets import write_titan
 from pa10cal.commands.command_line import REFUSED, main
 from pa10cal.datasets import measured
-from pa10cal.datasets.measured import (
-    BEGIN,
+from pa10cal.datasets.known_campaigns import (
     CAMPAIGNS,
     CARRIED,
-    END,
     GROUPS,
     at_hand,
-    errors_by_model,
     files_of,
     groups_of,
+)
+from pa10cal.datasets.measured import (
+    BEGIN,
+    END,
+    MeasuredResults,
+    errors_by_model,
     markdown,
     page_text,
 )
@@ -211,7 +214,8 @@ def test_a_carried_model_has_springs_where_its_own_calibration_has(tmp_path, mon
     monkeypatch.setattr(measured, "read", read_made)
     for source, model in (("rigid", "geometry"), ("soft", "springs")):
         carried = {(source, "c"): tmp_path / "transfer.json"}
-        (one,) = measured._carried("c", tmp_path / "c", tmp_path, "combined", carried)
+        table = MeasuredResults(tmp_path, "combined", carried)
+        (one,) = table.models_carried_to("c", tmp_path / "c")
         assert list(one.errors) == ["nominal", model]
 
 

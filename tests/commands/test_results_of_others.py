@@ -12,7 +12,7 @@ import pytest
 
 from built_once import built_once
 from pa10cal.commands.command_line import COMMANDS, command_named, main
-from pa10cal.datasets import measured
+from pa10cal.datasets import known_campaigns
 from pa10cal.files.output import write_text
 from pa10cal.running.workflow import Workflow
 from snakemake_calls import planned
@@ -213,7 +213,7 @@ def test_results_of_another_campaign_are_as_they_were(made, tmp_path, monkeypatc
     places |= {"joints": tmp_path / "joints.csv", "targets": tmp_path / "targets.csv"}
     places |= {"settings": tmp_path / "settings.yaml", "few": FEW}
     words = [word.format(**places) for word in TAKE[row][1].split()]
-    monkeypatch.setattr(measured, "CARRIED", (("a", "b"), ("b", "a")))
+    monkeypatch.setattr(known_campaigns, "CARRIED", (("a", "b"), ("b", "a")))
     if row in BY_WORKFLOW:
         shutil.rmtree(b)
         taken_as_made(made / "raw/a", results, monkeypatch)

@@ -18,7 +18,7 @@ from pa10cal.arm.chain import Chain
 from pa10cal.campaign.read import read_campaign
 from pa10cal.campaign.screens import refuse_too_many
 from pa10cal.datasets.importing import import_campaigns, write_campaigns
-from pa10cal.datasets.measured import CAMPAIGNS
+from pa10cal.datasets.known_campaigns import CAMPAIGNS
 from pa10cal.datasets.readers import (
     ARMS,
     dataset_named,

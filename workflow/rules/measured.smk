@@ -2,7 +2,7 @@
 # fetched into it. Each goes from its files to its model in one process, so that one that is refused is
 # in the table with its message, and its job has not failed; their results lie apart from those of the
 # configured campaigns.
-from pa10cal.datasets.measured import at_hand, files_of, groups_of
+from pa10cal.datasets.known_campaigns import at_hand, files_of, groups_of
 
 MEASURED = at_hand(
     Path(SETTINGS.measured_dir),

@@ -3,40 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from itertools import product
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
-from pa10cal.arrays import Array, Mask
-from pa10cal.campaign.column_map import (
-    ANGLES,
-    COUNTS,
-    FORCES,
-    LENGTHS,
-    TEMPERATURES,
-    TIMES,
-    TORQUES,
-)
-from pa10cal.campaign.conventions import (
-    FOUR,
-    THREE,
-    attitude_scatter,
-    modelled_attitudes,
-    read_polar,
-)
+from pa10cal.arrays import Array
 from pa10cal.campaign.description import DESCRIPTION_FILE, SCHEMA, CampaignDescription
 from pa10cal.campaign.file_roles import (
-    notes_on_joints,
     read_as,
     refuse_unrecognised,
     roles_of_file,
-    unit_by_size,
 )
 from pa10cal.campaign.headerless import (
     is_headerless,
@@ -46,44 +26,24 @@ from pa10cal.campaign.headerless import (
     of_the_arm,
     roles_by_arm,
 )
-from pa10cal.campaign.inverse_poses import way_of_inverse_poses
 from pa10cal.campaign.joint_positions import (
-    CountScale,
     in_radians,
-    looks_like_counts,
     position_columns,
-    scale_of_counts,
 )
-from pa10cal.campaign.own_columns import RotationColumns
-from pa10cal.campaign.raw_file import quaternions
+from pa10cal.campaign.proposed_columns import ProposedColumns
 from pa10cal.campaign.recognise import (
-    WORDS,
     Roles,
-    coverage_of,
-    from_horizon,
-    plain,
-    standing,
-    unit_of,
 )
 from pa10cal.campaign.row_targets import (
     labels_without_targets,
     named_in_other_log,
-    target_column,
-    target_names,
 )
-from pa10cal.campaign.sniffing import JUDGED, Sniffed, rows_at, time_columns
+from pa10cal.campaign.sniffing import Sniffed, rows_at
 from pa10cal.campaign.two_logs import LABELS, TwoLogs, shared_labels
 from pa10cal.errors import RawDataError
-from pa10cal.frame.target_problem import scale_of_points
 from pa10cal.options import IngestOptions
 from pa10cal.settings_reading import parse_section
 
-#: Orientations agree with the nominal arm below this rms angle.
-AGREES_RAD = np.radians(3.0)
-#: Above this none is nearer than another, as of orientations drawn at random: names decide.
-_ALL_ALIKE_RAD = np.radians(90.0)
-#: Polar readings agree with the nominal arm below this rms misfit.
-AGREES_M = 0.03
 #: Standard uncertainty of the instrument that is proposed where the file states none.
 ASSUMED_MM = 0.05
 
@@ -122,7 +82,7 @@ def propose(
     if arm is not None:
         roles = of_the_arm(roles, sniffed, arm, joint_names)
     refuse_unrecognised(roles, sniffed, file)
-    making = _Proposing(sniffed, roles, arm)
+    making = ProposedColumns(sniffed, roles, arm)
     if roles.joints != by_name.joints:
         making.checks.append(f"joints: {roles.joints[0]} …, by the nominal arm: no others agree")
     columns = making.joints() | making.readings(making.T_base_ee)
@@ -167,13 +127,15 @@ def propose_two_logs(
         reading_roles = replace(
             reading_roles, single={**reading_roles.single, "pose": reading_label}
         )
-    joints = _Proposing(joints_log, joint_roles, arm)
-    readings = _Proposing(readings_log, reading_roles, arm, joints.checks)
+    joints = ProposedColumns(joints_log, joint_roles, arm)
+    readings = ProposedColumns(readings_log, reading_roles, arm, joints.checks)
     files_read: dict[str, Any] = {"joints": (joints_file.name, joints_log, joints.joints())}
     T_base_ee = None
     if arm is not None:
         # First as points, whose unit and place need no convention.
-        points = _Proposing(readings_log, replace(reading_roles, attitude=None), arm).readings(None)
+        points = ProposedColumns(readings_log, replace(reading_roles, attitude=None), arm).readings(
+            None
+        )
         as_points = files_read | {"readings": (readings_file.name, readings_log, points)}
         content = _proposal(joints, as_points, name, robot, arm).content
         lines, T_known = _at_joints(content, (joints_file, readings_file), arm)
@@ -238,7 +200,7 @@ def _at_joints(
 
 
 def _proposal(
-    making: _Proposing,
+    making: ProposedColumns,
     files: Mapping[str, tuple[str, Sniffed, dict[str, Any]]],
     name: str,
     robot: str,
@@ -286,315 +248,3 @@ def _proposal(
         if log.format is not None
     )
     return ColumnsProposal(content, tuple(checks), tuple(lines), known)
-
-
-@dataclass
-class _Proposing:
-    """Decides on `columns` of one file, by quantity, and notes what the user should check."""
-
-    sniffed: Sniffed
-    roles: Roles
-    arm: Arm | None
-    checks: list[str] = field(default_factory=list)
-    stated_mm: float | None = None  # rms standard uncertainty that the file states
-    signs: tuple[int, ...] = ()  # of the joints, for `joint_signs`; empty where none is reversed
-    temperature_C: float = 20.0  # for `reference_temperature_C`
-    T_base_ee: Array | None = None  # (N, 4, 4) nominal end in each row, if the file has joints
-
-    def joints(self) -> dict[str, Any]:
-        """Return the layout of the file, its labels, joints, torques and temperature."""
-        names, torques = self.roles.joints, self.roles.torques
-        logged = self.sniffed.columns(names)
-        slides = np.zeros(len(names), bool) if self.arm is None else self.arm.axes_slide
-        turns = [name for name, slide in zip(names, slides, strict=True) if not slide]
-        columns = self._labels()
-        self.checks += notes_on_joints(self.sniffed, names)
-        unit = self._stated(turns, {**ANGLES, COUNTS: 1.0})
-        if unit is None and turns and looks_like_counts(logged[:, ~slides]):
-            unit = COUNTS
-        if unit is None:
-            largest = np.nanmax(np.abs(logged[:, ~slides]), initial=0.0)
-            unit = "rad" if largest < 2.0 * np.pi + 0.1 else "deg" if largest < 760.0 else "mrad"
-            self.checks.append(f"joints.unit: {unit}, by the size of the numbers")
-        columns["joints"] = {"names": list(names), "unit": unit}
-        factor = np.full(len(names), ANGLES.get(unit, 1.0))
-        if unit == COUNTS:
-            scale = self._scale_of_counts(logged, slides)
-            columns["joints"] |= {"counts_per_turn": scale.per_turn, "zero_count": scale.zero}
-            logged[:, ~slides] = scale.degrees(logged)[:, ~slides]
-        if slides.any():
-            size = "mm" if np.nanmax(np.abs(logged[:, slides])) > 5.0 else "m"
-            strokes = [name for name in names if name not in turns]
-            stroke_unit = self._stated(strokes, LENGTHS) or size
-            columns["joints"]["stroke_unit"] = stroke_unit
-            factor[slides] = LENGTHS[stroke_unit]
-        if torques:
-            stated = self._stated(torques, TORQUES)
-            unit = stated or "Nm"
-            if stated is None:
-                self.checks.append(
-                    f"torques.unit: Nm, assumed; if {torques[0]} … are currents of the motors, "
-                    "remove torques"
-                )
-            columns["torques"] = {"names": list(torques)} | _unless(unit, "Nm")
-        if self.arm is not None:
-            q = self.arm.coupling.to_joints(in_radians(logged * factor, slides))
-            self.T_base_ee = Chain.of(self.arm).forward(q)
-        return columns | self._temperatures()
-
-    def _scale_of_counts(self, logged: Array, slides: Mask) -> CountScale:
-        """Return how counts (N, n) are read, and note it for a check."""
-        places = list(self.roles.positions.values())
-        p_m = None
-        if places and self.arm is not None and not slides.any():
-            p = self.sniffed.columns(places[0])
-            p_m = 1e-3 * LENGTHS[self._stated(places[0], LENGTHS) or unit_by_size(p)] * p
-        scale = scale_of_counts(logged, self.arm, p_m)
-        by = "the nominal arm agrees so" if np.isfinite(scale.misfit_m) else "by the numbers alone"
-        self.checks.append(
-            f"joints.counts_per_turn: {scale.per_turn:.10g} counts of the encoder a turn of the "
-            f"joint, {scale.zero:g} at its zero, {by}"
-        )
-        if -1 in scale.signs:
-            self.signs = scale.signs
-            self.checks.append("joint_signs: the nominal arm agrees with these directions")
-        return scale
-
-    def readings(self, T_base_ee: Array | None) -> dict[str, Any]:
-        """Return what was measured and the temperature; without joints, layout and labels too.
-
-        The nominal end in each row is T_base_ee (N, 4, 4); None where it is not known.
-        """
-        labels = {} if self.roles.joints else self._labels()
-        return labels | self._measured(T_base_ee) | self._temperatures()
-
-    def _stated(self, names: Sequence[str], known: Mapping[str, float]) -> str | None:
-        """Return the unit that columns state in or below their names; None for none."""
-        titles = list(map(self.sniffed.titled, names))
-        units = list(dict.fromkeys(unit for unit in map(unit_of, titles) if unit in known))
-        if len(units) > 1:
-            raise RawDataError(
-                "columns of one quantity are in different units",
-                where=self.sniffed.file,
-                value=", ".join(titles),
-                allowed=f"one unit of {', '.join(known)} for all of them",
-                remedy=f"export them all in {units[0]}, or convert those in {units[1]} and name "
-                "them so",
-            )
-        return next(iter(units), None)
-
-    def _temperatures(self) -> dict[str, Any]:
-        """Return the column of temperature, and set the reference temperature."""
-        name = self.roles.single.get("temperature")
-        if name is None:
-            return {}
-        values, column = self.sniffed.column(name), {"names": name}
-        if np.isfinite(values).any():
-            middle = float(np.nanmedian(values))
-            by_size = "K" if 220.0 < middle < 330.0 else "F" if 45.0 < middle < 110.0 else "C"
-            unit = self._stated([name], TEMPERATURES) or by_size
-            in_C = {"K": middle - 273.15, "F": (middle - 32.0) / 1.8, "C": middle}
-            self.temperature_C = round(in_C[unit], 1)
-            column |= _unless(unit, "C")
-        return {"temperature": column}
-
-    def _labels(self) -> dict[str, Any]:
-        """Return layout, time, pose, repeat, kind and load, where every row states them."""
-        single, sniffed = self.roles.single, self.sniffed
-        columns: dict[str, Any] = sniffed.layout.model_dump(exclude_defaults=True)
-        columns |= self._time()
-        labels = sniffed.words(single["pose"]) if "pose" in single else [""]
-        if all(labels) and len(set(labels)) > 1:  # one word in all rows is no label
-            numbers = sniffed.column(single["pose"])
-            # Numbers with decimals are no labels, such as actual_TCP_pose_0.
-            if np.mean(np.isfinite(numbers) & (numbers != np.round(numbers))) < 0.5:
-                columns["pose"] = single["pose"]
-        if "repeat" in single and np.isfinite(sniffed.column(single["repeat"])).all():
-            columns["repeat"] = single["repeat"]
-        if "kind" in single:
-            known = {word: kind for kind, text in WORDS["kinds"].items() for word in text.split()}
-            stands = {word: known.get(plain(word)) for word in set(sniffed.words(single["kind"]))}
-            if all(stands.values()):
-                own = {word: kind for word, kind in sorted(stands.items()) if word != kind}
-                columns["kind"] = {"names": single["kind"], **({"words": own} if own else {})}
-        if "load" in single and np.isfinite(sniffed.column(single["load"])).all():
-            unit = self._stated([single["load"]], FORCES) or "N"
-            columns["load"] = {"names": single["load"]} | _unless(unit, "N")
-        return columns
-
-    def _time(self) -> dict[str, Any]:
-        """Return the column of time, or those of date and time of day, if the times differ."""
-        name = self.roles.single.get("time")
-        if name is None:
-            return {}
-        columns, check = time_columns(
-            self.sniffed, name, self.roles.times, self._stated([name], TIMES)
-        )
-        self.checks += [check] if check else []
-        return columns
-
-    def _measured(self, T_base_ee: Array | None) -> dict[str, Any]:
-        """Return the columns of what was measured."""
-        single, every = self.roles.single, self.roles.positions
-        if not every:
-            name = single["distance"]
-            return {"distance": self._place([name], None) | {"names": name}}
-        still = standing({place: self.sniffed.columns(every[place]) for place in every})
-        if still:
-            self.checks.append(f"targets base1 …: {', '.join(still)} stand still, so on the base")
-        positions = {place: names for place, names in every.items() if place not in still}
-        place, names = next(iter(positions.items()))
-        attitude = self.roles.attitude
-        if attitude is None and len(positions) > 1:
-            called = target_names(list(positions))
-            targets = {
-                called[place]: self._place(names, T_base_ee) for place, names in positions.items()
-            }
-        else:
-            position = self._place(names, T_base_ee)
-            if attitude is None and names != self.roles.polar:
-                p_m = 1e-3 * LENGTHS[position["unit"]] * self.sniffed.columns(names)
-                of_row = target_column(self.sniffed, self.roles, p_m, T_base_ee)
-                if of_row is not None and not still:
-                    return {"position": position} | self._of_row(of_row)
-            if len(positions) > 1:
-                self.checks.append(
-                    f"position: {', '.join(names)} taken, of {len(positions)} triples"
-                )
-            targets = {target_names([place])[place]: position} if attitude is None else {}
-        columns: dict[str, Any] = {}
-        if attitude is not None:
-            p_m = 1e-3 * LENGTHS[position["unit"]] * self.sniffed.columns(names)
-            columns = {"position": position, "rotation": self._attitude(*attitude, T_base_ee, p_m)}
-        base = [self._place(every[place], T_base_ee) for place in still]
-        targets |= {f"base{k}": place for k, place in enumerate(base, start=1)}
-        return columns | ({"targets": targets} if targets else {})
-
-    def _of_row(self, target: dict[str, Any]) -> dict[str, Any]:
-        """Return `target` (and `pose`) for rows of one target each, and note it."""
-        listed = ", ".join((target.get("words") or target["endings"]).values())
-        name = target["names"]
-        self.checks.append(
-            f"target: every row is of one target, by {self.sniffed.titled(name)}: {listed}"
-        )
-        columns: dict[str, Any] = {"target": target}
-        if "endings" in target:
-            columns["pose"] = name
-        elif self.roles.single.get("pose") == name:
-            columns["pose"] = None  # it names targets, not poses
-        return columns
-
-    def _place(self, names: Sequence[str], T_base_ee: Array | None) -> dict[str, Any]:
-        """Return columns of lengths with unit and uncertainties, and set `stated_mm`.
-
-        The unit is stated in the names, else found by the arm, else by the size of the numbers.
-        """
-        if names == self.roles.polar:
-            return self._polar(names, T_base_ee)
-        unit = self._stated(names, LENGTHS) or self._unit_of_lengths(names, T_base_ee)
-        columns: dict[str, Any] = {"names": list(names), "unit": unit}
-        u = [self.roles.uncertain[name] for name in names if name in self.roles.uncertain]
-        if len(u) < len(names):
-            return columns
-        titles = list(map(self.sniffed.titled, u))
-        coverage = coverage_of(titles[0])
-        u_unit = next((own for own in map(unit_of, titles) if own in LENGTHS), unit)
-        u_mm = LENGTHS[u_unit] / coverage * self.sniffed.columns(u)
-        if np.isfinite(u_mm).any():
-            self.stated_mm = float(f"{np.sqrt(np.nanmean(u_mm**2)):.2g}")
-        columns["u"] = u
-        if u_unit != unit:
-            columns["u_unit"] = u_unit
-        if coverage != 1.0:
-            columns["coverage"] = coverage
-            self.checks.append(f"coverage: {titles[0]} … are divided by {coverage:g}, as they say")
-        if len(u) > len(set(u)):
-            self.checks.append(f"u: {titles[0]} is taken for each of x, y and z")
-        return columns
-
-    def _polar(self, names: Sequence[str], T_base_ee: Array | None) -> dict[str, Any]:
-        """Return columns of polar readings, which count as the arm or else their names say."""
-        unit = self._stated(names[2:], LENGTHS)
-        angle = self._stated(names[:2], ANGLES)
-        found = read_polar(
-            self.sniffed.columns(names),
-            [angle] if angle else list(ANGLES),
-            [unit] if unit else ["m", "mm"],
-            T_base_ee,
-            by_horizon=from_horizon(names[1]),
-        )
-        if found.scatter_m is None:
-            self.checks.append("polar: how the angles count is by the names alone; check it")
-        elif found.scatter_m > AGREES_M:
-            self.checks.append(
-                f"polar: no way of counting the angles agrees with the nominal arm; the nearest is "
-                f"{1e3 * found.scatter_m:.0f} mm off: check units, the joints' order and signs"
-            )
-        return {"names": list(names), "unit": found.length, "polar": found.polar.model_dump()}
-
-    def _unit_of_lengths(self, names: Sequence[str], T_base_ee: Array | None) -> str:
-        p = self.sniffed.columns(names)
-        seen = np.isfinite(p).all(axis=1)
-        if T_base_ee is not None and p.shape[1] == 3:
-            finite = seen & np.isfinite(T_base_ee).all(axis=(1, 2))
-            scale = scale_of_points(p[finite], T_base_ee[finite])
-            near = {unit: abs(np.log(scale / (1e-3 * mm))) for unit, mm in LENGTHS.items() if scale}
-            best = min(near, key=lambda unit: near[unit], default=None)
-            if best is not None and near[best] < np.log(1.5):
-                return best
-        unit = unit_by_size(p)
-        self.checks.append(f"unit of {names[0]} …: {unit}, by the size of the numbers")
-        return unit
-
-    def _attitude(
-        self, names: Sequence[str], convention: str, T_base_ee: Array | None, p_m: Array
-    ) -> dict[str, Any]:
-        """Return the columns of an orientation, in the convention by the arm, else by the names."""
-        values = self.sniffed.columns(names)
-        size = "deg" if float(np.nanmax(np.abs(values))) > 7.0 else "rad"
-        unit = self._stated(names, ANGLES) or size
-        given: dict[str, Any] = {"names": list(names)}
-        angles = {"unit": unit} if len(names) == 3 else {}
-        uncertain = [self.roles.uncertain.get(name) for name in names]
-        u = {"u": uncertain} if all(name is not None for name in uncertain) else {}
-        R_ee = None
-        if T_base_ee is not None:
-            known = np.column_stack([values, p_m, T_base_ee.reshape(-1, 16)])
-            some = np.flatnonzero(np.isfinite(known).all(axis=1))
-            some = some[np.linspace(0, len(some) - 1, min(len(some), JUDGED)).astype(int)]
-            # Lengths may have another scale, as of a tag taken for another size.
-            scale = scale_of_points(p_m[some], T_base_ee[some]) or 1.0
-            R_ee = modelled_attitudes(T_base_ee[some], scale * p_m[some])
-        if T_base_ee is None or R_ee is None:
-            self.checks.append(
-                f"rotation.convention: {convention}, by the names alone; check it in the manual of "
-                "the software that wrote the file"
-            )
-            return given | {"convention": convention} | angles | u
-        tried: list[tuple[float, dict[str, Any]]] = []
-        words = {3: THREE, 4: FOUR, 9: ("matrix",)}[len(names)]
-        for inverse, word in product((False, True), words):
-            chosen = given | {"convention": word} | angles | ({"inverse": True} if inverse else {})
-            quaternion = quaternions(values[some], RotationColumns.model_validate(chosen))
-            R = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
-            tried.append((attitude_scatter(R_ee, R), chosen))
-        # Of equal scatters the first, which is the commonest convention.
-        scatter_rad, chosen = min(tried, key=lambda way: round(way[0], 3))
-        if scatter_rad > AGREES_RAD:
-            ways = [way | {"inverse": "pose"} for _, way in tried[: len(words)]]
-            of_pose = way_of_inverse_poses(T_base_ee[some], p_m[some], values[some], ways)
-            if of_pose is not None:
-                self.checks.append("rotation.inverse: pose: position too; only so the arm agrees")
-                return {**of_pose, **u}
-            if scatter_rad > _ALL_ALIKE_RAD:
-                chosen = given | {"convention": convention} | angles
-            self.checks.append(
-                f"rotation.convention: none agrees with the nominal arm; the nearest is "
-                f"{np.degrees(scatter_rad):.1f} deg off: check it, the joints' order and signs"
-            )
-        return chosen | u
-
-
-def _unless(unit: str, usual: str) -> dict[str, str]:
-    """Return the key `unit`, unless the unit is the default."""
-    return {} if unit == usual else {"unit": unit}

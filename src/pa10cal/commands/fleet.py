@@ -168,7 +168,8 @@ def measured(
         pa10cal measured --campaign-dir data/measured/titan-fixed --results results/measured \\
           --out results/measured
     """
-    from pa10cal.datasets.measured import CARRIED, markdown, measured_record, robots_csv
+    from pa10cal.datasets.known_campaigns import CARRIED
+    from pa10cal.datasets.measured import MeasuredResults, markdown, robots_csv
     from pa10cal.errors import OutputError, Pa10calError, SettingsError
     from pa10cal.files.output import whole_files, write_text
     from pa10cal.results.codec import read, write
@@ -209,7 +210,7 @@ def measured(
             carried[source, target] = str(error)
         else:
             carried[source, target] = file
-    record = measured_record(folders, results, calibration, carried)
+    record = MeasuredResults(results, calibration, carried).record(folders)
     with whole_files(out / "measured.csv", out / "measured.json") as (table, record_file):
         write_text(table, robots_csv(record))
         write(record, record_file)

@@ -1,6 +1,7 @@
-"""Campaigns of real robots: what is known of each, which are at hand, the table of their results.
+"""The table of measured robots: read from results, written as CSV and for docs/measured.md.
 
-The workflow reads the first two while it plans, before anything is run.
+`python -m pa10cal.datasets.measured [RECORD] [PAGE]`, from the root of the repository, puts the
+table of RECORD (results/measured/measured.json) into PAGE (docs/measured.md).
 """
 
 from __future__ import annotations
@@ -10,174 +11,114 @@ import sys
 from argparse import ArgumentParser
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from pa10cal.campaign.description import read_description
+from pa10cal.datasets.known_campaigns import CAMPAIGNS, groups_of
 from pa10cal.errors import Pa10calError, RecordError
 from pa10cal.files.arms import load_arm
 from pa10cal.files.output import csv_text, markdown_cell, write_text
-from pa10cal.input_files import is_file
 from pa10cal.results import outcomes
 from pa10cal.results.calibration import CalibrationRecord
 from pa10cal.results.codec import read
 from pa10cal.results.discovery import VerdictRecord
 from pa10cal.results.evaluation import HeldOutModel, HoldoutRecord, TransferRecord
-from pa10cal.yaml_file import read_yaml
 
-
-@dataclass(frozen=True)
-class Known:
-    """What is known of a measured campaign before it is worked on."""
-
-    instrument: str  # what measured it, for a reader
-    dataset: str | None = None  # the data set that it is imported of; None where none has it
-    # what the owner or somebody else reports of these data, with its source; empty where nothing
-    # is known
-    published: str = ""
-
-
-_STATED = read_yaml(Path(__file__).with_suffix(".yaml"), RecordError, what="it cannot be read")
-#: Campaigns in the order of the page.
-CAMPAIGNS: Mapping[str, Known] = {
-    name: Known(**stated) for name, stated in _STATED["campaigns"].items()
-}
-#: Several campaigns of one robot, fitted as one where all of them are at hand.
-GROUPS: Mapping[str, tuple[str, ...]] = {
-    name: tuple(members) for name, members in _STATED["groups"].items()
-}
-#: Models carried to another campaign: source and target.
-CARRIED = tuple((source, target) for source, target in _STATED["carried"])
-
-
-@dataclass(frozen=True)
-class AtHand:
-    """A measured campaign that is at hand."""
-
-    folder: Path  # its folder of raw files, which an import writes where there is a data set
-    # the data set that it is imported of; None where the folder is there already
-    dataset: str | None = None
-    source: Path | None = None  # the folder of that data set
-
-
-def at_hand(measured_dir: Path, sources: Mapping[str, str], imported: Path) -> dict[str, AtHand]:
-    """Return the campaigns at hand by name, those of the page first and in its order.
-
-    A folder holds campaigns, and data sets in folders of their names, where `sources` does not name
-    another folder; from an address a data set is fetched into the folder of its name. `imported`
-    gets the campaigns that are imported.
-    """
-    there = {path.parent.name: path.parent for path in measured_dir.glob("*/campaign.yaml")}
-    found = {}
-    for name, known in CAMPAIGNS.items():
-        dataset = known.dataset or ""
-        stated = sources.get(dataset, "")
-        source = measured_dir / dataset if not stated or "://" in stated else Path(stated)
-        if name in there:
-            found[name] = AtHand(there[name])
-        elif dataset and source.is_dir():
-            found[name] = AtHand(imported / name, dataset, source)
-    others = sorted(set(there) - set(found))
-    return found | {name: AtHand(there[name]) for name in others}
-
-
-def groups_of(campaigns: Mapping[str, object]) -> dict[str, tuple[str, ...]]:
-    """Return the groups of which all campaigns are among some."""
-    return {
-        name: members
-        for name, members in GROUPS.items()
-        if name not in campaigns and all(member in campaigns for member in members)
-    }
-
-
-def files_of(hand: AtHand) -> Iterator[Path]:
-    """Yield the files that a campaign is read from, those that are there."""
-    folder = hand.folder if hand.source is None else hand.source
-    yield from sorted(path for path in folder.rglob("*") if is_file(path, folder))
-
-
-# The table of measured robots: read from results, written as CSV and for docs/measured.md.
-#
-# python -m pa10cal.datasets.measured [RECORD] [PAGE] (from the root of the repository) puts
-# the table of RECORD (results/measured/measured.json) into PAGE (docs/measured.md).
-
+#: Models of the table, each with all that those before it have.
 MODELS: tuple[outcomes.MeasuredModel, ...] = ("nominal", "geometry", "springs", "effects")
 RECORD, PAGE = Path("results/measured/measured.json"), Path("docs/measured.md")
 BEGIN = "<!-- From here to the next mark generated: python -m pa10cal.datasets.measured -->"
 END = "<!-- End of what is generated. -->"
 
 
-def measured_record(
-    folders: Mapping[str, Path],
-    results: Path,
-    calibration: str,
-    carried: Mapping[tuple[str, str], Path | str],
-) -> outcomes.MeasuredRobotsRecord:
-    """Return the table of the campaigns at hand and of the groups that they make.
+@dataclass(frozen=True)
+class MeasuredResults:
+    """Results of measured campaigns, from which the table is read."""
 
-    Each has a folder of results. `carried` has by source and target the errors of a model that was
-    carried over (a `TransferRecord`), or why it was not.
+    results: Path  # holds a folder of results for each campaign and group
+    calibration: str  # load case that was evaluated
+    # by source and target the errors of a model that was carried over (file of a
+    # `TransferRecord`), or why it was not
+    carried: Mapping[tuple[str, str], Path | str]
 
-    Raises:
-        RecordError: when a campaign has no `chain.json`.
-    """
-    rows = [_robot(name, folder, results, calibration, carried) for name, folder in folders.items()]
-    for name, members in groups_of(folders).items():
-        if not (results / name / outcomes.ChainRecord.FILE).is_file():
-            continue
-        row = _robot(name, folders[members[0]], results, calibration, {})
-        instruments = dict.fromkeys(CAMPAIGNS[member].instrument for member in members)
-        together = {"members": members, "instrument": "; ".join(instruments), "published": None}
-        last = max(k for k, each in enumerate(rows) if each.campaign in members)
-        rows.insert(last + 1, row.model_copy(update=together))
-    return outcomes.MeasuredRobotsRecord(robots=tuple(rows))
+    def record(self, raw: Mapping[str, Path]) -> outcomes.MeasuredRobotsRecord:
+        """Return the table of campaigns, whose folders of raw files are `raw`, and their groups.
 
+        Raises:
+            RecordError: when a campaign has no `chain.json`.
+        """
+        rows = [self._robot(name, folder) for name, folder in raw.items()]
+        for name, members in groups_of(raw).items():
+            if not (self.results / name / outcomes.ChainRecord.FILE).is_file():
+                continue
+            row = replace(self, carried={})._robot(name, raw[members[0]])
+            instruments = dict.fromkeys(CAMPAIGNS[member].instrument for member in members)
+            together = {"members": members, "instrument": "; ".join(instruments), "published": None}
+            last = max(k for k, each in enumerate(rows) if each.campaign in members)
+            rows.insert(last + 1, row.model_copy(update=together))
+        return outcomes.MeasuredRobotsRecord(robots=tuple(rows))
 
-def _robot(
-    name: str,
-    raw: Path,
-    results: Path,
-    calibration: str,
-    carried: Mapping[tuple[str, str], Path | str],
-) -> outcomes.MeasuredRobot:
-    """Return the row of a campaign; what its stages did not come to is not in it."""
-    folder, known = results / name, CAMPAIGNS.get(name)
-    outcome = read(outcomes.ChainRecord, folder / outcomes.ChainRecord.FILE, within=folder)
-    robot, kind = None, None
-    with suppress(Pa10calError):  # where they can be read
-        campaign = read_description(raw)
-        robot, kind = load_arm(campaign.robot, raw).title, campaign.instrument.kind
-    common = {
-        "campaign": name,
-        "robot": robot,
-        "instrument": known.instrument if known else kind,
-        "status": outcome.status,
-        "published": (known.published or None) if known else None,
-    }
-    if outcome.status != "done":
+    def _robot(self, name: str, raw: Path) -> outcomes.MeasuredRobot:
+        """Return the row of a campaign; what its stages did not come to is not in it."""
+        folder, known = self.results / name, CAMPAIGNS.get(name)
+        outcome = read(outcomes.ChainRecord, folder / outcomes.ChainRecord.FILE, within=folder)
+        robot, kind = None, None
+        with suppress(Pa10calError):  # where they can be read
+            campaign = read_description(raw)
+            robot, kind = load_arm(campaign.robot, raw).title, campaign.instrument.kind
+        common = {
+            "campaign": name,
+            "robot": robot,
+            "instrument": known.instrument if known else kind,
+            "status": outcome.status,
+            "published": (known.published or None) if known else None,
+        }
+        if outcome.status != "done":
+            message = f"{outcome.stage}: {outcome.message}"
+            return outcomes.MeasuredRobot(
+                **common,
+                message=_without_folders(message, raw, self.results),
+                names=(),
+                faults=(),
+                errors={},
+                carried=(),
+            )
+        fitted = read(CalibrationRecord, self._calibration_of(name), within=folder)
+        verdict = read(VerdictRecord, folder / "discovery/verdict.json", within=folder)
+        held_out = read(HoldoutRecord, folder / HoldoutRecord.FILE, within=folder)
+        calibrated = sum(each.after.configurations for each in fitted.errors.values())
         return outcomes.MeasuredRobot(
             **common,
-            message=_without_folders(f"{outcome.stage}: {outcome.message}", raw, results),
-            names=(),
-            faults=(),
-            errors={},
-            carried=(),
+            poses=calibrated + held_out.configurations,
+            held_out=held_out.configurations,
+            grade=fitted.health.grade,
+            verdict=verdict.verdict,
+            names=tuple(effect.either for effect in verdict.effects),
+            faults=tuple(f"{fault.kind}, {fault.where}" for fault in verdict.faults or ()),
+            errors=errors_by_model(held_out.models, springs=fitted.has_springs),
+            carried=tuple(self.models_carried_to(name, raw)),
         )
-    fitted = read(CalibrationRecord, folder / f"calibration/{calibration}.json", within=folder)
-    verdict = read(VerdictRecord, folder / "discovery/verdict.json", within=folder)
-    held_out = read(HoldoutRecord, folder / HoldoutRecord.FILE, within=folder)
-    calibrated = sum(each.after.configurations for each in fitted.errors.values())
-    return outcomes.MeasuredRobot(
-        **common,
-        poses=calibrated + held_out.configurations,
-        held_out=held_out.configurations,
-        grade=fitted.health.grade,
-        verdict=verdict.verdict,
-        names=tuple(effect.either for effect in verdict.effects),
-        faults=tuple(f"{fault.kind}, {fault.where}" for fault in verdict.faults or ()),
-        errors=errors_by_model(held_out.models, springs=fitted.has_springs),
-        carried=tuple(_carried(name, raw, results, calibration, carried)),
-    )
+
+    def _calibration_of(self, name: str) -> Path:
+        """Return the file of a campaign's calibration."""
+        return self.results / name / f"calibration/{self.calibration}.json"
+
+    def models_carried_to(self, name: str, raw: Path) -> Iterator[outcomes.Carried]:
+        """Yield the models of other campaigns in this one, whose raw files are in `raw`."""
+        for (source, target), found in self.carried.items():
+            if target != name:
+                continue
+            if isinstance(found, str):
+                message = _without_folders(found, raw, self.results)
+                yield outcomes.Carried(source=source, message=message, errors={})
+                continue
+            fitted = read(
+                CalibrationRecord, self._calibration_of(source), within=self.results / source
+            )
+            models = read(TransferRecord, found).models
+            errors = errors_by_model(models, springs=fitted.has_springs)
+            yield outcomes.Carried(source=source, errors=errors)
 
 
 def _without_folders(message: str, *folders: Path) -> str:
@@ -211,28 +152,6 @@ def errors_by_model(
         for model in MODELS
         if named[model] in first
     }
-
-
-def _carried(
-    name: str,
-    raw: Path,
-    results: Path,
-    calibration: str,
-    carried: Mapping[tuple[str, str], Path | str],
-) -> Iterator[outcomes.Carried]:
-    """Yield the models of other campaigns in this one."""
-    for (source, target), found in carried.items():
-        if target != name:
-            continue
-        if isinstance(found, str):
-            message = _without_folders(found, raw, results)
-            yield outcomes.Carried(source=source, message=message, errors={})
-        else:
-            of_source, models = results / source, read(TransferRecord, found).models
-            path = of_source / f"calibration/{calibration}.json"
-            springs = read(CalibrationRecord, path, within=of_source).has_springs
-            errors = errors_by_model(models, springs=springs)
-            yield outcomes.Carried(source=source, errors=errors)
 
 
 def robots_csv(record: outcomes.MeasuredRobotsRecord) -> str:
