@@ -188,7 +188,7 @@ def _readings(missing, model, x, T_instr_base, layout, rng, pose_m) -> Observati
     for _ in range(3):  # springs give way to the weights, which follow the arm
         at = replace(states, q_rad=q_still_rad + missing.turn(states))
         weights = statics(model.chain, model.chain_coordinates(at, x), load_N, BURDEN)
-        states = replace(states, tau_Nm=weights.torque_Nm)
+        states = replace(states, tau_Nm=weights.joint_Nm)
     T_instr_ee = T_instr_base @ model.predict(replace(at, tau_Nm=states.tau_Nm), x)
     on_tool_m = TARGETS_M + missing.targets_m
     p_instr_m = T_instr_ee[:, None, :3, 3] + on_tool_m @ T_instr_ee[:, :3, :3].transpose(0, 2, 1)

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from pa10cal.arm.statics import Hung, ObservedTargets, PoseStates, StaticLoads
+from pa10cal.arm.statics import CarriedWeights, ObservedTargets, PoseStates, StaticLoads
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
 from pa10cal.terms.effects.effect import CandidateContext
@@ -64,10 +64,11 @@ def states_of(arm, seed=3, poses=5, **known) -> PoseStates:
             down_ee=down / np.linalg.norm(down, axis=1, keepdims=True),
             by_weights=rng.normal(size=(poses, n, 4 * n + 3)),
             by_load=rng.normal(size=(poses, n)),
-            hung=Hung(
+            carried=CarriedWeights(
                 mass_kg=rng.uniform(1.0, 30.0, (poses, n)),
                 moment_kg_m=rng.normal(size=(poses, n, 3)),
                 by_link=rng.normal(size=(poses, n, 4, 3)),
+                com_m=rng.normal(size=(poses, n, 3)),
                 by_apparatus=rng.normal(size=(poses, 3)),
                 ends=np.tile(np.eye(4), (poses, n - 1, 1, 1)),
                 gravity_m_s2=np.tile([0.0, 0.0, -9.81], (poses, 1)),

@@ -85,7 +85,7 @@ def test_torques_equal_pinocchio(random_arm, n, convention):
         q = np.random.default_rng(seed).uniform(-3, 3, (3, n))
         found = statics(chain, chain.coordinates(q), load_N, payload)
         wanted = pinocchio_torques_Nm(arm, q, load_N, payload)
-        np.testing.assert_allclose(found.torque_Nm, wanted, atol=1e-10)
+        np.testing.assert_allclose(found.joint_Nm, wanted, atol=1e-10)
 
 
 @quick
@@ -95,7 +95,7 @@ def test_torques_are_the_slope_of_potential_energy(random_arm, seed, convention)
     found = statics(chain, coordinates, load_N, payload)
     for joint, column in enumerate(chain.joint_columns):
         wanted = slope(chain, coordinates, column, load_N, payload)
-        np.testing.assert_allclose(found.torque_Nm[:, joint], wanted, atol=1e-6)
+        np.testing.assert_allclose(found.joint_Nm[:, joint], wanted, atol=1e-6)
 
 
 @quick
@@ -108,7 +108,7 @@ def test_loads_work_on_the_bends_and_the_base(random_arm, seed, convention):
     columns = [chain.columns(names) for names in turns]
     coordinates[:, np.concatenate(columns)] = 0.0  # there the three turns are about one frame
     coordinates[:, chain.columns(BASE[:3])] = 0.0
-    carried = statics(chain, coordinates, load_N, payload).static_loads
+    carried = statics(chain, coordinates, load_N, payload)
     moments = [carried.base_Nm, *np.moveaxis(carried.link_Nm, 1, 0)]
     for moment_Nm, axes in zip(moments, columns, strict=False):
         for axis in range(3):
@@ -135,9 +135,9 @@ def test_torques_follow_masses_and_load_as_their_derivatives_say(random_arm, see
     def unknowns(arm):
         return np.hstack([arm.mass_kg[:, None], arm.mass_kg[:, None] * arm.com_m]).ravel()
 
-    wanted = found.torque_by_mass @ (unknowns(other) - unknowns(arm)) + 5.0 * found.torque_by_load
-    np.testing.assert_allclose(heavier.torque_Nm - found.torque_Nm, wanted, atol=1e-10)
-    np.testing.assert_allclose(heavier.torque_by_load, found.torque_by_load, atol=1e-15)
+    wanted = found.by_masses() @ (unknowns(other) - unknowns(arm)) + 5.0 * found.by_load
+    np.testing.assert_allclose(heavier.joint_Nm - found.joint_Nm, wanted, atol=1e-10)
+    np.testing.assert_allclose(heavier.by_load, found.by_load, atol=1e-15)
 
 
 @quick
@@ -146,10 +146,10 @@ def test_torques_follow_each_weight_as_its_derivative_says(random_arm, seed, con
     arm = random_arm(seed, 4, convention)
     chain, coordinates, load_N, payload = drawn(seed, 4, arm)
     found = statics(chain, coordinates, load_N, payload)
-    by_weights = found.static_loads.by_weights
+    by_weights = found.by_weights
 
     def torque_Nm(arm=arm, payload=payload):
-        return statics(Chain.of(arm), coordinates, load_N, payload).torque_Nm
+        return statics(Chain.of(arm), coordinates, load_N, payload).joint_Nm
 
     heavier = replace(arm, mass_kg=arm.mass_kg + np.array([0.0, 2.0, 0.0, 0.0]))
     elsewhere = replace(arm, com_m=arm.com_m + np.outer([0, 1, 0, 0], [0.0, 0.1, 0.0]))
@@ -160,13 +160,13 @@ def test_torques_follow_each_weight_as_its_derivative_says(random_arm, seed, con
         (torque_Nm(payload=tool), 2.0 * by_weights[..., 16]),
     ]
     for changed, by_it in wanted:
-        np.testing.assert_allclose(changed - found.torque_Nm, by_it, atol=1e-10)
+        np.testing.assert_allclose(changed - found.joint_Nm, by_it, atol=1e-10)
     g = payload.gravity_m_s2
     tilts = by_weights[..., 17:]
     rng = np.random.default_rng(seed)
     # So small that what is beyond first order, as large as the turn itself, is below what is asked.
     turn = np.cross(1e-7 * rng.normal(size=3), g)
-    tilted = torque_Nm(payload=replace(payload, gravity_m_s2=g + turn)) - found.torque_Nm
+    tilted = torque_Nm(payload=replace(payload, gravity_m_s2=g + turn)) - found.joint_Nm
     along = np.linalg.lstsq(tilts.reshape(-1, 2), tilted.ravel(), rcond=None)[0]
     np.testing.assert_allclose(tilted, tilts @ along, atol=1e-9)
     size = np.linalg.norm(turn) / np.linalg.norm(g)
@@ -177,7 +177,7 @@ def test_torques_follow_each_weight_as_its_derivative_says(random_arm, seed, con
 @given(seed=seeds)
 def test_down_is_gravity_seen_from_the_end(random_arm, seed):
     chain, coordinates, load_N, payload = drawn(seed, 4, random_arm(seed, 4))
-    down_ee = statics(chain, coordinates, load_N, payload).static_loads.down_ee
+    down_ee = statics(chain, coordinates, load_N, payload).down_ee
     R_base_ee = frames(chain, coordinates).T_base_ee[:, :3, :3]
     along_base = np.einsum("pij,pj->pi", R_base_ee, down_ee)
     wanted = payload.gravity_m_s2 / np.linalg.norm(payload.gravity_m_s2)
@@ -207,8 +207,8 @@ def test_weights_act_as_in_the_virtual_cell(robot, convention, sliding):
     found = statics(chain, chain.coordinates(q), load_N, payload_of(built))
     held = nominal_of(built).statics(q, load_N)
     for pose in range(10):
-        assert found.torque_Nm[pose] == pytest.approx(held.torque_Nm[pose], abs=1e-9)
-        assert found.static_loads.base_Nm[pose] == pytest.approx(held.base_Nm[pose], abs=1e-9)
+        assert found.joint_Nm[pose] == pytest.approx(held.torque_Nm[pose], abs=1e-9)
+        assert found.base_Nm[pose] == pytest.approx(held.base_Nm[pose], abs=1e-9)
         for link in range(6):
             wanted = held.link_Nm[pose, link]
             if link + 1 == sliding:
@@ -217,9 +217,9 @@ def test_weights_act_as_in_the_virtual_cell(robot, convention, sliding):
                 # The cell's joint zero lies an offset of theta ahead of the chain's.
                 turned = Rotation.from_euler("z", arm.theta_rad[link + 1])
                 force_N = turned.apply(held.link_N[pose, link])
-                assert found.static_loads.link_N[pose, link] == pytest.approx(force_N, abs=1e-9)
+                assert found.link_N[pose, link] == pytest.approx(force_N, abs=1e-9)
                 wanted = turned.apply(wanted)
-            assert found.static_loads.link_Nm[pose, link] == pytest.approx(wanted, abs=1e-9)
+            assert found.link_Nm[pose, link] == pytest.approx(wanted, abs=1e-9)
 
 
 def test_torques_are_of_the_size_known_of_this_arm(robot):
@@ -230,7 +230,7 @@ def test_torques_are_of_the_size_known_of_this_arm(robot):
     wanted = {0.0: (60, 37), 22.0: (75, 48), 44.0: (89, 59), 90.0: (119, 82)}
     for load_N, joints_Nm in wanted.items():
         loads_N = np.full(len(coordinates), load_N)
-        torque_Nm = statics(chain, coordinates, loads_N, payload_of(robot)).torque_Nm
+        torque_Nm = statics(chain, coordinates, loads_N, payload_of(robot)).joint_Nm
         size_Nm = np.abs(torque_Nm).mean(axis=0)
         assert size_Nm[[1, 2]] == pytest.approx(joints_Nm, rel=0.1)
         assert size_Nm[[0, 5]] == pytest.approx(0.0, abs=0.5)

@@ -159,7 +159,7 @@ def test_masses_of_fixed_links_count_to_the_link_that_carries_them():
         )
 
     slopes = [(energy_J(q[0] + step) - energy_J(q[0] - step)) / 2e-5 for step in 1e-5 * np.eye(3)]
-    found = statics(chain, chain.coordinates(q), np.zeros(1), payload).torque_Nm[0]
+    found = statics(chain, chain.coordinates(q), np.zeros(1), payload).joint_Nm[0]
     np.testing.assert_allclose(found, slopes, atol=1e-6)
 
 

@@ -117,7 +117,7 @@ def test_the_derivative_by_weights_is_that_of_the_torques():
     moved[2, 0] += 0.01
     after = statics_of(
         Model(Chain.of(replace(arm, com_m=moved)), ()), np.zeros(0), states, PAYLOAD
-    ).torque_Nm
+    ).joint_Nm
     np.testing.assert_allclose(states.tau_Nm - weights.torque_Nm(states, x), after, atol=1e-9)
 
 

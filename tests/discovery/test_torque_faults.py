@@ -25,7 +25,7 @@ def told(load_N=STATED_N, tool=TOOL, gains=1.0, stated=TOOL, seed=3):
     rng = np.random.default_rng(seed)
     q_rad = rng.uniform(-1.5, 1.5, (len(STATED_N), ARM.n))
     at = Chain.of(ARM).coordinates(q_rad)
-    tau_Nm = gains * statics(Chain.of(ARM), at, load_N, tool).torque_Nm
+    tau_Nm = gains * statics(Chain.of(ARM), at, load_N, tool).joint_Nm
     tau_Nm += NOISE_NM * rng.standard_normal(tau_Nm.shape)
     arrival, time_s = rng.choice([-1.0, 1.0], q_rad.shape), np.arange(len(q_rad)) * 1.0
     states = at_rest(q_rad, tau_Nm=tau_Nm, arrival=arrival, load_N=STATED_N, time_s=time_s)

@@ -145,10 +145,10 @@ def test_other_weights_move_torques_as_their_derivative_says():
     before = statics_of(rigid, np.zeros(0), states(), TOOL)
     arm, carried = weighed(ARM, TOOL, small)
     after = statics_of(Model(Chain.of(arm), ()), np.zeros(0), states(), carried)
-    wanted = before.static_loads.by_weights @ small
+    wanted = before.by_weights @ small
     assert np.abs(wanted).max() > 1e-6
     np.testing.assert_allclose(
-        after.torque_Nm - before.torque_Nm, wanted, atol=1e-5 * np.abs(wanted).max()
+        after.joint_Nm - before.joint_Nm, wanted, atol=1e-5 * np.abs(wanted).max()
     )
 
 
@@ -172,24 +172,24 @@ def test_joints_links_and_base_carry_the_weights_found():
     model, x = bending()
     weights, rigid, nothing = model.terms[-1], Model(model.chain, ()), np.zeros(0)
     described = statics_of(rigid, nothing, states(), TOOL)
-    loaded = replace(states(), static_loads=described.static_loads, tau_Nm=described.torque_Nm)
+    loaded = replace(states(), static_loads=described, tau_Nm=described.joint_Nm)
     arm, carried = weighed(ARM, TOOL, weights.amounts(x[model.columns_of(weights)]))
     heavier = statics_of(
         Model(Chain.of(arm, bends=model.chain.bends), ()), nothing, states(), carried
     )
     found = model.carried(loaded, x)
     for part in ("link_Nm", "link_N", "base_Nm"):
-        value, wanted = getattr(found.static_loads, part), getattr(heavier.static_loads, part)
+        value, wanted = getattr(found.static_loads, part), getattr(heavier, part)
         np.testing.assert_allclose(value, wanted, atol=1e-9)
-    assert np.abs(found.static_loads.base_Nm - described.static_loads.base_Nm).max() > 0.5
+    assert np.abs(found.static_loads.base_Nm - described.base_Nm).max() > 0.5
     # Of torques, as of a tilt of gravity beside them, what goes with one weight alone.
-    np.testing.assert_allclose(found.tau_Nm, heavier.torque_Nm, atol=0.2)
+    np.testing.assert_allclose(found.tau_Nm, heavier.joint_Nm, atol=0.2)
 
 
 def test_the_pose_follows_weights_by_way_of_all_that_gives_way():
     model, x = bending()
     loads = statics_of(Model(model.chain, ()), np.zeros(0), states(), TOOL)
-    loaded = replace(states(), static_loads=loads.static_loads, tau_Nm=loads.torque_Nm)
+    loaded = replace(states(), static_loads=loads, tau_Nm=loads.joint_Nm)
     jacobian = model.predict_with_jacobian(loaded, x).jacobian
     for column in range(model.columns_of(model.terms[-1]).start, len(x)):
         step = 1e-3 * model.scale[column] * np.eye(len(x))[column]

@@ -49,7 +49,7 @@ def readings(arm=ARM, *, logged=True, noise_Nm=0.3, gain=1.0, count=120):
     states = at_rest(q, tau_Nm=np.full_like(q, np.nan), temperature_C=np.full(count, 20.0))
     if logged:
         payload = described().payload(arm)
-        torque_Nm = statics_of(Model(Chain.of(arm), ()), np.zeros(0), states, payload).torque_Nm
+        torque_Nm = statics_of(Model(Chain.of(arm), ()), np.zeros(0), states, payload).joint_Nm
         noise = noise_Nm * rng.standard_normal(torque_Nm.shape)
         states = replace(states, tau_Nm=gain * torque_Nm + noise)
     covariance = np.tile(1e-10 * np.eye(6), (count, 1, 1))
@@ -96,7 +96,7 @@ def test_logged_torques_weigh_an_arm_that_states_nothing():
 
     def torque_Nm(of):
         model = Model(Chain.of(of), ())
-        return statics_of(model, np.zeros(0), poses.states, payload).torque_Nm
+        return statics_of(model, np.zeros(0), poses.states, payload).joint_Nm
 
     off = np.sqrt(np.mean((torque_Nm(arm) - torque_Nm(ARM)) ** 2))
     assert off < 0.1 * np.sqrt(np.mean(torque_Nm(ARM) ** 2))
@@ -166,7 +166,7 @@ def test_links_and_base_carry_what_the_log_has(stated_kg):
 
     def moments_Nm(of, kg):
         model, carried = Model(Chain.of(of), ()), replace(payload, mass_kg=kg)
-        loads = statics_of(model, np.zeros(0), poses.states, carried).static_loads
+        loads = statics_of(model, np.zeros(0), poses.states, carried)
         return np.concatenate([loads.base_Nm, loads.link_Nm[:, 1], loads.joint_Nm], axis=1)
 
     true = moments_Nm(heavier, 1.0)
@@ -286,7 +286,7 @@ def test_a_load_of_another_size_is_no_zero():
     states = replace(plain.states, tau_Nm=np.full_like(plain.states.tau_Nm, np.nan), load_N=load_N)
     true = replace(states, load_N=np.where(load_N > 60.0, 115.0, load_N))
     model, payload = Model(Chain.of(ARM), ()), described().payload(ARM)
-    torque_Nm = statics_of(model, np.zeros(0), true, payload).torque_Nm
+    torque_Nm = statics_of(model, np.zeros(0), true, payload).joint_Nm
     noise_Nm = 0.3 * np.random.default_rng(4).standard_normal(torque_Nm.shape)
     log = plain.with_states(replace(states, tau_Nm=torque_Nm + noise_Nm))
     assert not len(weights_known(weighed(described(), ARM, log)).by_log.zero_Nm)
@@ -310,7 +310,7 @@ def test_what_is_read_of_a_campaign_has_no_zeros(tmp_path):
     )
     states = at_rest(made.q)
     model, payload = Model(Chain.of(ARM), ()), campaign.payload(ARM)
-    torque_Nm = statics_of(model, np.zeros(0), states, payload).torque_Nm
+    torque_Nm = statics_of(model, np.zeros(0), states, payload).joint_Nm
     logged_Nm = torque_Nm + ZEROS_NM
     logged_Nm += 0.1 * np.random.default_rng(2).standard_normal(logged_Nm.shape)
     names = ",".join(f"tau{joint}_Nm" for joint in range(1, 7))
@@ -322,7 +322,7 @@ def test_what_is_read_of_a_campaign_has_no_zeros(tmp_path):
     _, _, staged = read_measured(folder, tmp_path / "poses.parquet")
     for every in (staged, pa10cal.read_campaign(folder).observations):
         left_Nm = (
-            every.states.tau_Nm - statics_of(model, np.zeros(0), every.states, payload).torque_Nm
+            every.states.tau_Nm - statics_of(model, np.zeros(0), every.states, payload).joint_Nm
         )
         np.testing.assert_allclose(left_Nm.mean(axis=0), 0.0, atol=0.1)
 
@@ -345,7 +345,7 @@ def carrying(tool_kg, com_m=0.05):
     payload = replace(payload, com_m=np.array([0.0, 0.0, com_m]))
     model = Model(Chain.of(ARM), ())
     stated, true = (
-        statics_of(model, np.zeros(0), every.states, each).torque_Nm
+        statics_of(model, np.zeros(0), every.states, each).joint_Nm
         for each in (described().payload(ARM), payload)
     )
     return with_torques_more(every, true - stated)

@@ -14,51 +14,60 @@ from numpy.typing import NDArray
 
 from pa10cal.arm.chain import Chain, frames
 from pa10cal.arm.description import Arm
-from pa10cal.arrays import Array, Rows, take_rows
+from pa10cal.arrays import Array, Mask, Rows, take_rows
 from pa10cal.errors import ArmError
 
 
 @dataclass(frozen=True)
-class Hung:
-    """The weights of an arm in P poses and where they act, to compute loads of other weights."""
+class CarriedWeights:
+    """What each link of an arm carries in P poses, and where, to compute loads of other weights."""
 
     mass_kg: Array  # (P, n) mass of each link and all beyond it, apparatus and load included
     moment_kg_m: Array  # (P, n, 3) first moment of that mass about the base's origin
     # (P, n, 4, 3) derivative of a link's first moment about the base's origin by its mass, added at
     # its centre, and by its three first moments about the centre
     by_link: Array
+    com_m: Array  # (P, n, 3) that centre in the frame of the link's own row
     by_apparatus: Array  # (P, 3) the same derivative by the mass of the apparatus
     ends: Array  # (P, n - 1, 4, 4) far ends of the links but the last: frames of the next joints
     gravity_m_s2: Array  # (P, 3) gravity along base axes
-    by_level: (
-        Array  # (P, 2, 3) derivative of gravity by small rotations about two axes normal to it
-    )
+    # (P, 2, 3) derivative of gravity by small rotations about two axes normal to it
+    by_level: Array
 
-    def with_weights(self, amounts: Array) -> Hung:
+    def with_weights(self, amounts: Array) -> CarriedWeights:
         """Return the weights changed by amounts (4 n + 3,), see `StaticLoads.by_weights`."""
         n = self.mass_kg.shape[1]
         of_links = amounts[: 4 * n].reshape(n, 4)
         apparatus_kg, *level = amounts[4 * n :]
-        mass_kg = of_links[:, 0].copy()
-        mass_kg[-1] += apparatus_kg
-        moment = np.einsum("pjkc,jk->pjc", self.by_link, of_links)
-        moment[:, -1] += apparatus_kg * self.by_apparatus
+        mass_kg = of_links[None, :, 0].copy()
+        mass_kg[:, -1] += apparatus_kg
+        moment_kg_m = np.einsum("pjkc,jk->pjc", self.by_link, of_links)
+        moment_kg_m[:, -1] += apparatus_kg * self.by_apparatus
         return replace(
             self,
-            mass_kg=self.mass_kg + mass_kg[::-1].cumsum()[::-1],
-            moment_kg_m=self.moment_kg_m + moment[:, ::-1].cumsum(axis=1)[:, ::-1],
+            mass_kg=self.mass_kg + _with_all_beyond(mass_kg),
+            moment_kg_m=self.moment_kg_m + _with_all_beyond(moment_kg_m),
             gravity_m_s2=self.gravity_m_s2 + np.array(level) @ self.by_level,
         )
 
-    def loads(self) -> tuple[Array, Array, Array]:
-        """Return `link_Nm`, `link_N` and `base_Nm` of `StaticLoads`."""
-        link_Nm, link_N = np.zeros((2, *self.moment_kg_m.shape))
-        gravity, R_ends = self.gravity_m_s2[:, None], self.ends[..., :3, :3]
+    def moments_at_ends_Nm(self) -> Array:
+        """Return `StaticLoads.link_Nm`."""
+        link_Nm, R_ends = np.zeros_like(self.moment_kg_m), self.ends[..., :3, :3]
         about_ends = self.moment_kg_m[:, 1:] - self.mass_kg[:, 1:, None] * self.ends[..., :3, 3]
-        link_Nm[:, :-1] = np.einsum("pjba,pjb->pja", R_ends, np.cross(about_ends, gravity))
-        link_N[:, :-1] = np.einsum("pjba,pb->pja", R_ends, self.gravity_m_s2)
+        moments_Nm = np.cross(about_ends, self.gravity_m_s2[:, None])
+        link_Nm[:, :-1] = np.einsum("pjba,pjb->pja", R_ends, moments_Nm)
+        return link_Nm
+
+    def forces_at_ends_N(self) -> Array:
+        """Return `StaticLoads.link_N`."""
+        link_N = np.zeros_like(self.moment_kg_m)
+        link_N[:, :-1] = np.einsum("pjba,pb->pja", self.ends[..., :3, :3], self.gravity_m_s2)
         link_N[:, :-1] *= self.mass_kg[:, 1:, None]
-        return link_Nm, link_N, np.cross(self.moment_kg_m[:, 0], self.gravity_m_s2)
+        return link_N
+
+    def overturning_Nm(self) -> Array:
+        """Return `StaticLoads.base_Nm`."""
+        return np.cross(self.moment_kg_m[:, 0], self.gravity_m_s2)
 
 
 @dataclass(frozen=True)
@@ -70,14 +79,16 @@ class StaticLoads:
     link_Nm: Array
     link_N: Array  # (P, n, 3) force that it carries there, along the same axes (zero for the last)
     base_Nm: Array  # (P, 3) overturning moment about the base's origin, along base axes
-    joint_Nm: Array  # (P, n) torques with which the joints hold links, apparatus and load
+    # (P, n) torques with which the joints hold links, apparatus and load; forces [N] where they
+    # slide
+    joint_Nm: Array
     down_ee: Array  # (P, 3) direction of gravity along the end-effector's axes, a unit vector
     # (P, n, 4 n + 3) derivative of `joint_Nm`: by mass, added at its centre, and by the three first
     # moments about that centre, of link 1, 2, …; by the mass of the apparatus; by small rotations
     # of gravity about two axes normal to it
     by_weights: Array
     by_load: Array  # (P, n) derivative of `joint_Nm` by the external load [N m/N]
-    hung: Hung  # the weights that make these loads
+    carried: CarriedWeights  # the weights that make these loads
 
     def with_weights(self, amounts: Array) -> StaticLoads:
         """Return the loads of links and base with weights changed by amounts (4 n + 3,).
@@ -85,9 +96,25 @@ class StaticLoads:
         Amounts are ordered as the columns of `by_weights`. `joint_Nm` is not changed: the term
         `Weights` adds the change of torques.
         """
-        hung = self.hung.with_weights(amounts)
-        link_Nm, link_N, base_Nm = hung.loads()
-        return replace(self, link_Nm=link_Nm, link_N=link_N, base_Nm=base_Nm, hung=hung)
+        carried = self.carried.with_weights(amounts)
+        return replace(
+            self,
+            link_Nm=carried.moments_at_ends_Nm(),
+            link_N=carried.forces_at_ends_N(),
+            base_Nm=carried.overturning_Nm(),
+            carried=carried,
+        )
+
+    def by_masses(self) -> Array:
+        """Return the derivative (P, n, 4 n) of `joint_Nm` by mass m and first moment m c of links.
+
+        They are m_1, m_1 c_1x, m_1 c_1y, m_1 c_1z, m_2, … with c in the frame of the link's own
+        row. Other than in `by_weights` a mass is added at the origin of that frame.
+        """
+        count, n = self.joint_Nm.shape
+        by_links = self.by_weights[:, :, : 4 * n].reshape(count, n, n, 4).copy()
+        by_links[..., 0] -= np.einsum("pjkc,pkc->pjk", by_links[..., 1:], self.carried.com_m)
+        return by_links.reshape(count, n, 4 * n)
 
 
 @dataclass(frozen=True)
@@ -170,19 +197,38 @@ class Payload:
 
 
 @dataclass(frozen=True)
-class Statics:
-    """An arm at rest in P poses."""
+class _HoldingTorques:
+    """Torque with which each joint holds 1 kg at a point p of the base frame: slope · p + offset.
 
-    # (P, n) torques of the joints that hold links, apparatus and load; forces [N] where prismatic
-    torque_Nm: Array
-    # (P, n, 4 n) their derivative by mass m and first moment m c of every link: m_1, m_1 c_1x,
-    # m_1 c_1y, m_1 c_1z, m_2, … with c in the frame of the link's own row
-    torque_by_mass: Array
-    torque_by_load: Array  # (P, n) their derivative by the load [N m/N]
-    static_loads: StaticLoads
+    With the joint's origin o and axis z this is (z × g) · (p - o) where it turns, and the force
+    -z · g where it slides.
+    """
+
+    slope: Array  # (P, n, 3) [N/kg]
+    offset: Array  # (P, n) [N m/kg; N/kg where it slides]
+
+    @classmethod
+    def of(cls, axes: Array, origins_m: Array, turns: Mask, gravity_m_s2: Array) -> _HoldingTorques:
+        """Return those of joints with axes and origins (P, n, 3), which turn or slide (n,)."""
+        slope = np.where(turns[:, None], np.cross(axes, gravity_m_s2), 0.0)
+        by_turn = -np.einsum("pjc,pjc->pj", slope, origins_m)
+        return cls(slope, np.where(turns, by_turn, -(axes @ gravity_m_s2)))
+
+    def by_mass_at(self, p_base_m: Array) -> Array:
+        """Return the derivative (P, n) of the torques by a mass at points (P, 3) at the end."""
+        return np.asarray((self.slope @ p_base_m[:, :, None])[..., 0] + self.offset)
+
+    def by_links(self, by_link: Array) -> Array:
+        """Return the derivative (P, n, 4 n) by the links; see `CarriedWeights.by_link`."""
+        count, n = self.offset.shape
+        by_links = self.slope @ by_link.reshape(count, 4 * n, 3).swapaxes(1, 2)
+        by_links = by_links.reshape(count, n, n, 4)
+        by_links[..., 0] += self.offset[:, :, None]
+        # A joint holds its own link and those after it.
+        return np.asarray((by_links * np.tri(n).T[..., None]).reshape(count, n, 4 * n))
 
 
-def statics(chain: Chain, coordinates: Array, load_N: Array, payload: Payload) -> Statics:
+def statics(chain: Chain, coordinates: Array, load_N: Array, payload: Payload) -> StaticLoads:
     """Compute torques and moments of an arm at rest.
 
     The load of a link is the force and the moment of all weights beyond its far end: about the
@@ -200,79 +246,87 @@ def statics(chain: Chain, coordinates: Array, load_N: Array, payload: Payload) -
     mass_kg, com_m = _masses(chain.arm)
     gravity, g = payload.gravity_m_s2, _gravity_size(payload.gravity_m_s2)
     at = frames(chain, coordinates)
-    n, count = at.T_base_rows.shape[:2]
-    p_base_apparatus, p_base_load = (
+    p_apparatus, p_load = (
         at.T_base_ee[:, :3, :3] @ p_ee + at.T_base_ee[:, :3, 3]
         for p_ee in (payload.com_m, payload.load_point_m)
     )
-    # The torque by which a joint holds 1 kg at p is slope · p + offset: with the joint's origin o
-    # and axis z it is (z × g) · (p - o) where it turns, and -z · g where it slides.
-    joints = np.swapaxes(at.T_base_joints, 0, 1)
-    axes, origins = joints[..., :3, 2], joints[..., :3, 3]
-    turns = ~chain.arm.prismatic
-    slope = np.where(turns[:, None], np.cross(axes, gravity), 0.0)
-    offset = np.where(turns, -np.einsum("pjc,pjc->pj", slope, origins), -(axes @ gravity))
-    by_load, by_apparatus = (
-        (slope @ p_base[:, :, None])[..., 0] + offset for p_base in (p_base_load, p_base_apparatus)
+    carried = _carried_weights(
+        mass_kg,
+        com_m,
+        np.swapaxes(at.T_base_rows, 0, 1),
+        (payload.mass_kg, p_apparatus),
+        (load_N / g, p_load),
+        ends=np.swapaxes(at.T_base_joints[1:], 0, 1),
+        gravity_m_s2=gravity,
     )
-    by_load /= g
-    # A link's first moment about the base's origin is m origin + R m c: its derivatives by m and
-    # m c, the columns, are the origin and the axes of the row's frame. A joint holds its own link
-    # and those after it.
-    columns = at.T_base_rows[..., :3, [3, 0, 1, 2]].transpose(1, 2, 0, 3)
-    by_link = (slope @ columns.reshape(count, 3, 4 * n)).reshape(count, n, n, 4)
-    by_link[..., 0] += offset[:, :, None]
-    by_link *= np.tri(n).T[..., None]
-    by_mass = by_link.reshape(count, n, 4 * n)
-    first_moments_kg_m = mass_kg[:, None] * com_m
-    torque_Nm = (
-        by_mass @ np.column_stack([mass_kg, first_moments_kg_m]).ravel()
+    joints, turns = np.swapaxes(at.T_base_joints, 0, 1), ~chain.arm.prismatic
+    axes, origins_m = joints[..., :3, 2], joints[..., :3, 3]
+    holding = _HoldingTorques.of(axes, origins_m, turns, gravity)
+    by_links, by_apparatus = holding.by_links(carried.by_link), holding.by_mass_at(p_apparatus)
+    by_load = holding.by_mass_at(p_load) / g
+    moments_kg_m = carried.moment_kg_m - carried.mass_kg[:, :, None] * origins_m
+    by_gravity = np.where(
+        turns[:, None], np.cross(moments_kg_m, axes), -carried.mass_kg[:, :, None] * axes
+    )
+    by_level = by_gravity @ carried.by_level.swapaxes(1, 2)
+    return StaticLoads(
+        link_Nm=carried.moments_at_ends_Nm(),
+        link_N=carried.forces_at_ends_N(),
+        base_Nm=carried.overturning_Nm(),
+        # A link as described is its mass at its centre.
+        joint_Nm=by_links[:, :, ::4] @ mass_kg
         + payload.mass_kg * by_apparatus
-        + load_N[:, None] * by_load
+        + load_N[:, None] * by_load,
+        down_ee=(gravity / g) @ at.T_base_ee[:, :3, :3],
+        by_weights=np.concatenate([by_links, by_apparatus[..., None], by_level], axis=2),
+        by_load=by_load,
+        carried=carried,
     )
 
-    # Mass and first moment about the base's origin of each link and all beyond it.
-    hung_kg = load_N / g
-    masses_kg = np.tile(mass_kg[:, None], (1, count))
-    masses_kg[-1] += payload.mass_kg + hung_kg
-    moments_kg_m = (
-        mass_kg[:, None, None] * at.T_base_rows[..., :3, 3]
-        + (at.T_base_rows[..., :3, :3] @ first_moments_kg_m[:, None, :, None])[..., 0]
-    )
-    moments_kg_m[-1] += payload.mass_kg * p_base_apparatus + hung_kg[:, None] * p_base_load
-    masses_kg = masses_kg[::-1].cumsum(axis=0)[::-1].T
-    moments_kg_m = np.swapaxes(moments_kg_m[::-1].cumsum(axis=0)[::-1], 0, 1)
-    # Derivative of the torques by gravity, and of gravity by rotations about axes normal to it.
-    turning = np.cross(moments_kg_m - masses_kg[:, :, None] * origins, axes)
-    by_gravity = np.where(turns[:, None], turning, -masses_kg[:, :, None] * axes)
-    level = g * np.linalg.svd(gravity[None])[2][1:]
-    # Derivatives by a mass that is added at the link's centre, not at the row's origin.
-    by_link_at_centre = by_link.copy()
-    by_link_at_centre[..., 0] += np.sum(by_link_at_centre[..., 1:] * com_m, axis=-1)
-    moment_at_centre = columns.transpose(0, 2, 3, 1).copy()
-    moment_at_centre[:, :, 0] += np.einsum("pjkc,jk->pjc", moment_at_centre[:, :, 1:], com_m)
-    by_weights = [by_link_at_centre.reshape(by_mass.shape), by_apparatus[..., None]]
-    hung = Hung(
-        mass_kg=masses_kg,
-        moment_kg_m=moments_kg_m,
-        by_link=moment_at_centre,
-        by_apparatus=p_base_apparatus,
-        ends=np.swapaxes(at.T_base_joints[1:], 0, 1),
-        gravity_m_s2=np.broadcast_to(gravity, (count, 3)),
+
+def _carried_weights(
+    mass_kg: Array,
+    com_m: Array,
+    T_base_rows: Array,
+    apparatus: tuple[float, Array],
+    load: tuple[Array, Array],
+    *,
+    ends: Array,
+    gravity_m_s2: Array,
+) -> CarriedWeights:
+    """Return the weights of links, with those that the last of them carries.
+
+    Args:
+        mass_kg, com_m: (n,) and (n, 3) of the links; `com_m` in the frame of the link's own row.
+        T_base_rows: (P, n, 4, 4) these frames.
+        ends: see `CarriedWeights`.
+        apparatus, load: mass [kg], of the load (P,), and its position in the base (P, 3).
+        gravity_m_s2: (3,) along base axes.
+    """
+    count = len(T_base_rows)
+    by_link = T_base_rows[..., :3, [3, 0, 1, 2]].swapaxes(2, 3).copy()  # origin, then axes
+    by_link[:, :, 0] += np.einsum("pjkc,jk->pjc", by_link[:, :, 1:], com_m)
+    (apparatus_kg, p_apparatus), (load_kg, p_load) = apparatus, load
+    masses_kg = np.tile(mass_kg, (count, 1))
+    masses_kg[:, -1] += apparatus_kg + load_kg
+    moments_kg_m = mass_kg[:, None] * by_link[:, :, 0]
+    moments_kg_m[:, -1] += apparatus_kg * p_apparatus + load_kg[:, None] * p_load
+    level = np.linalg.norm(gravity_m_s2) * np.linalg.svd(gravity_m_s2[None])[2][1:]
+    return CarriedWeights(
+        mass_kg=_with_all_beyond(masses_kg),
+        moment_kg_m=_with_all_beyond(moments_kg_m),
+        by_link=by_link,
+        com_m=np.broadcast_to(com_m, (count, *com_m.shape)),
+        by_apparatus=p_apparatus,
+        ends=ends,
+        gravity_m_s2=np.broadcast_to(gravity_m_s2, (count, 3)),
         by_level=np.broadcast_to(level, (count, 2, 3)),
     )
-    link_Nm, link_N, base_Nm = hung.loads()
-    loads = StaticLoads(
-        link_Nm=link_Nm,
-        link_N=link_N,
-        base_Nm=base_Nm,
-        joint_Nm=torque_Nm,
-        down_ee=(gravity / g) @ at.T_base_ee[:, :3, :3],
-        by_weights=np.concatenate([*by_weights, by_gravity @ level.T], axis=2),
-        by_load=by_load,
-        hung=hung,
-    )
-    return Statics(torque_Nm, by_mass, by_load, loads)
+
+
+def _with_all_beyond(of_links: Array) -> Array:
+    """Return sums over each link and all beyond it, of values (P, n, …) of the links."""
+    return np.asarray(of_links[:, ::-1].cumsum(axis=1)[:, ::-1])
 
 
 def _masses(arm: Arm) -> tuple[Array, Array]:

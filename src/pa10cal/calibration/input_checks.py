@@ -224,7 +224,7 @@ def _gravity_by_torques(checked: CheckedCampaign) -> InputFinding | None:
     nominal, logged = Model(Chain.of(checked.arm), ()), states.tau_Nm
 
     def correlation(carried: Payload) -> float:
-        of_masses = statics_of(nominal, np.zeros(0), states, carried).torque_Nm
+        of_masses = statics_of(nominal, np.zeros(0), states, carried).joint_Nm
         size = np.sqrt(np.sum(of_masses**2) * np.sum(logged**2))
         return float(np.sum(of_masses * logged) / size) if size > 0.0 else 0.0
 

@@ -363,7 +363,7 @@ def with_torque_noise(
     if noise.differences or payload is None or not springs:
         return noise
     states = poses.states
-    weights = statics_of(at.model, at.x, states, payload).static_loads
+    weights = statics_of(at.model, at.x, states, payload)
     residual_Nm = states.tau_Nm - weights.joint_Nm
     torque_Nm, one = np.zeros(states.n), np.ones(len(states))
     for j in range(states.n):

@@ -186,9 +186,9 @@ def complete(
             # Such terms need static loads to begin with: those of the nominal arm.
             rigid = Model(baseline.model.chain, ())
             nominal = statics_of(rigid, np.zeros(0), states, setup.payload)
-            states = replace(states, static_loads=states.static_loads or nominal.static_loads)
+            states = replace(states, static_loads=states.static_loads or nominal)
         loads = statics_of(baseline.model, baseline.x, states, setup.payload)
-        states = replace(states, static_loads=loads.static_loads)
+        states = replace(states, static_loads=loads)
     T_instr_ee = baseline.T_instr_base @ baseline.model.predict(states, baseline.x)
     states = replace(states, seen=poses.measured.readout(T_instr_ee, targets_m(baseline, setup)))
     return poses.with_states(states)

@@ -220,7 +220,7 @@ def _load_rows(
     states = readings.states
     if torques == "logged":
         loads = statics_of(model.model, model.x, states, payload)
-        return states.tau_Nm - loads.torque_Nm, loads.torque_by_load
+        return states.tau_Nm - loads.joint_Nm, loads.by_load
     unknown = replace(states, tau_Nm=np.full_like(states.tau_Nm, np.nan))
 
     def deviation(more_N: float) -> Array:

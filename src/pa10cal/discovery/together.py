@@ -123,7 +123,7 @@ class Together:
         bare = _without_any(at)
         nominal = statics_of(Model(Chain.of(at.arm), ()), np.zeros(0), poses.states, payload)
         described = poses.with_states(
-            replace(poses.states, static_loads=nominal.static_loads, tau_Nm=nominal.torque_Nm)
+            replace(poses.states, static_loads=nominal, tau_Nm=nominal.joint_Nm)
         )
         sizes = weight_sizes(at.arm, payload).columns(at.arm)
         of_members, mixes = _columns_under(described, sizes, bare, whiten, members)

@@ -110,11 +110,11 @@ class _TorqueRows:
         assert setup.payload is not None
         states, arm = poses.states, baseline.arm
         weights = statics_of(baseline.model, baseline.x, states, setup.payload)
-        residual_Nm = states.tau_Nm - weights.torque_Nm
-        rated_Nm = arm.rated_Nm(np.abs(weights.torque_Nm).max(axis=0))
+        residual_Nm = states.tau_Nm - weights.joint_Nm
+        rated_Nm = arm.rated_Nm(np.abs(weights.joint_Nm).max(axis=0))
         sizes = weight_sizes(arm, setup.payload).columns(arm)
-        by_weights = weights.static_loads.by_weights * sizes
-        of_logs = errors_of_logs(weights.torque_Nm, rated_Nm, states.arrival)
+        by_weights = weights.by_weights * sizes
+        of_logs = errors_of_logs(weights.joint_Nm, rated_Nm, states.arrival)
         nuisances = np.concatenate([by_weights, of_logs], axis=2)
         of_faults = [fault.per_unit(states) @ fault.prior_factor for fault in faults]
         columns = np.concatenate([nuisances, *of_faults], axis=2)

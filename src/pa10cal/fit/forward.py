@@ -209,7 +209,7 @@ class Forward:
         # arm first, then those of the arm bent by them.
         nominal = Model(self.physical.chain, ())
         for model, values in ((nominal, np.zeros(0)), (self.physical, self.x)):
-            loads = statics_of(model, values, states, payload).static_loads
+            loads = statics_of(model, values, states, payload)
             states = replace(states, static_loads=loads)
         return states
 

@@ -10,14 +10,14 @@ import numpy as np
 
 from pa10cal.arm.chain import BASE, TOOL, Chain
 from pa10cal.arm.description import Arm, weights_known
-from pa10cal.arm.statics import Payload, PoseStates, StaticLoads, Statics, statics
+from pa10cal.arm.statics import CarriedWeights, Payload, PoseStates, StaticLoads, statics
 from pa10cal.arrays import Array, Index
 from pa10cal.rules import MASSES
 from pa10cal.terms.model import Model
 from pa10cal.terms.term import Term
 from pa10cal.terms.weights import holds_weights
 
-Loads = TypeVar("Loads", Statics, StaticLoads)
+Loads = TypeVar("Loads", StaticLoads, CarriedWeights)
 #: Where the torques of poses come from: a log, the masses described, or they are not known.
 TorqueSource = Literal["logged", "masses", "none"]
 
@@ -67,12 +67,11 @@ def with_loads_read_by(terms: Iterable[Term], states: PoseStates) -> PoseStates:
 
 def _under_weights(model: Model, x: Array, states: PoseStates, payload: Payload) -> PoseStates:
     """Return states with the static loads of a model, and the torques of these."""
-    parts = _statics_of(model, x, states, payload)
-    loads = _merged((rows, of_rows.static_loads) for rows, of_rows in parts)
+    loads = statics_of(model, x, states, payload)
     return replace(states, tau_Nm=loads.joint_Nm, static_loads=loads)
 
 
-def statics_of(model: Model, x: Array, states: PoseStates, payload: Payload) -> Statics:
+def statics_of(model: Model, x: Array, states: PoseStates, payload: Payload) -> StaticLoads:
     """Return the static loads of an arm in the postures that a model predicts.
 
     Motions of base and tool are left out: gravity is along the axes of the base itself, and errors
@@ -84,7 +83,7 @@ def statics_of(model: Model, x: Array, states: PoseStates, payload: Payload) -> 
 
 def _statics_of(
     model: Model, x: Array, states: PoseStates, payload: Payload
-) -> Iterator[tuple[Index, Statics]]:
+) -> Iterator[tuple[Index, StaticLoads]]:
     """Yield rows and their static loads, of one campaign and no more than `BLOCK` at once."""
     chain = model.chain
     coordinates = model.chain_coordinates(states, x)

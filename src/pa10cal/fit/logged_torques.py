@@ -148,18 +148,18 @@ class LoggedTorques:
             known = replace(arm.weights_known, by_log=None)
             described = replace(arm, weights_known=known)
         calculated = statics_of(Model(Chain.of(described), ()), np.zeros(0), states, payload)
-        rated_Nm = arm.rated_Nm(np.abs(calculated.torque_Nm).max(axis=0))
+        rated_Nm = arm.rated_Nm(np.abs(calculated.joint_Nm).max(axis=0))
         # A wrong size or point of the external load, and a wrong tool, are faults of their own.
-        load = calculated.static_loads.by_load * states.load_N[:, None]
+        load = calculated.by_load * states.load_N[:, None]
         # Where nobody stated weights, a scale of the torques is one of the weights.
         gain = MASSES.gain if arm.weights_known is None else 0.0
-        usual_errors = errors_of_logs(calculated.torque_Nm, rated_Nm, states.arrival, gain)
+        usual_errors = errors_of_logs(calculated.joint_Nm, rated_Nm, states.arrival, gain)
         return cls(
             arm,
             payload,
             logged_Nm=states.tau_Nm,
-            residual_Nm=states.tau_Nm - calculated.torque_Nm,
-            by_weights=calculated.static_loads.by_weights,
+            residual_Nm=states.tau_Nm - calculated.joint_Nm,
+            by_weights=calculated.by_weights,
             nuisance=np.concatenate([usual_errors, load[:, :, None]], axis=2),
             load_N=states.load_N,
             arrival=states.arrival,

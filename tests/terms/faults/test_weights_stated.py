@@ -19,8 +19,8 @@ LOADS_N = np.repeat([0.0, 22.0, 40.0], 4)
 def found(load_N=LOADS_N, tool=TOOL):
     q_rad = np.random.default_rng(2).uniform(-1.5, 1.5, (len(LOADS_N), ARM.n))
     loads = statics(Chain.of(ARM), Chain.of(ARM).coordinates(q_rad), load_N, tool)
-    loaded = {"load_N": LOADS_N, "static_loads": loads.static_loads}
-    return at_rest(q_rad, tau_Nm=loads.torque_Nm, **loaded)
+    loaded = {"load_N": LOADS_N, "static_loads": loads}
+    return at_rest(q_rad, tau_Nm=loads.joint_Nm, **loaded)
 
 
 def of(kind, **changes):

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from pa10cal.arm.statics import Payload, Statics
+from pa10cal.arm.statics import Payload, StaticLoads
 from pa10cal.arrays import Array
 from pa10cal.discovery.evidence.noise_model import NoiseModel, average_into_cells, shared_error
 from pa10cal.discovery.linear import by_every_joint, residual
@@ -92,7 +92,7 @@ def prepare(
         weights = statics_of(about.model, about.x, cells.states, setup.payload)
         loads_N = cells.states.load_N
         torque = torque_noise_model(cells, weights, about, setup, noise.torque_Nm, loads_N)
-        without_weights_Nm = cells.states.tau_Nm - weights.torque_Nm
+        without_weights_Nm = cells.states.tau_Nm - weights.joint_Nm
     return EvidenceProblem(
         baseline=baseline,
         setup=setup,
@@ -142,7 +142,7 @@ def pose_noise_model(
 
 def torque_noise_model(
     cells: Observations,
-    weights: Statics,
+    weights: StaticLoads,
     about: FittedModel,
     setup: MeasurementSetup,
     torque_u_Nm: Array,
@@ -170,7 +170,7 @@ def torque_noise_model(
 
 def _common_torques(
     cells: Observations,
-    weights: Statics,
+    weights: StaticLoads,
     baseline: FittedModel,
     payload: Payload,
     options: DiscoveryOptions,
@@ -198,18 +198,18 @@ def _common_torques(
         ),
     ]
     by_payload = [
-        statics_of(baseline.model, baseline.x, cells.states, each).torque_Nm - weights.torque_Nm
+        statics_of(baseline.model, baseline.x, cells.states, each).joint_Nm - weights.joint_Nm
         for each in shifted
     ]
-    of_tool = np.zeros((*weights.torque_Nm.shape, 0))
+    of_tool = np.zeros((*weights.joint_Nm.shape, 0))
     for tool in unknown_tool(arm, payload):
-        of_tool = weights.static_loads.by_weights[:, :, list(tool.columns)] * tool.sizes
-    rated_Nm = arm.rated_Nm(np.abs(weights.torque_Nm).max(axis=0))
+        of_tool = weights.by_weights[:, :, list(tool.columns)] * tool.sizes
+    rated_Nm = arm.rated_Nm(np.abs(weights.joint_Nm).max(axis=0))
     zero = np.tile(np.diag(options.torque_zero_uncertainty * rated_Nm), (len(cells), 1, 1))
     return np.concatenate(
         [
-            weights.torque_by_mass * by_link,
-            options.load_uncertainty * weights.torque_by_load[:, :, None] * load_N[:, None, :],
+            weights.by_masses() * by_link,
+            options.load_uncertainty * weights.by_load[:, :, None] * load_N[:, None, :],
             np.stack(by_payload, axis=2),
             of_tool,
             zero,
