@@ -109,11 +109,9 @@ def _without_influential_poses(found: Verdict, model: FittedModel) -> Verdict:
 
 
 def _likelier(found: Verdict[S], passed: Verdict[S]) -> Verdict[S]:
-    """Return the verdict with a likelier set of effects if that passes the gates, else `passed`.
+    """Return the verdict of a search with a likelier set of effects if that passes the gates.
 
-    Args:
-        found: the verdict of the search.
-        passed: the same after the gates.
+    Else `passed`, the verdict itself after the gates.
     """
     candidate = found.scorer.likelier(found) if found.weights_assumed else None
     if candidate is not None:
@@ -208,10 +206,8 @@ def _by_scorer(campaign: Prepared, model: FittedModel) -> Verdict:
     try:
         return discover_by_repeats(campaign)
     except DiscoveryError as error:  # repeats show no noise, as where readings were copied
-        lacking = CannotSearch(
-            f"{error.what} ({error.value})", error.remedy or "measure them again"
-        )
-        return not_sought(campaign, model, lacking)
+        reason = CannotSearch(f"{error.what} ({error.value})", error.remedy)
+        return not_sought(campaign, model, reason)
 
 
 def judged_by_blocks(readings: Observations) -> bool:

@@ -136,11 +136,9 @@ class _Repeats:
         return GrossErrors(out, out & beyond, times, np.zeros(len(readings)))
 
     def _beyond(self, limit: Array, whitener: Array) -> Mask:
-        """Return which readings (P,) are excluded, group by group the furthest first.
+        """Return the readings (P,) whose whitened deviation is longer than their limit (P,).
 
-        Args:
-            limit: (P,) of the length of whitened deviations.
-            whitener: (P, b, b).
+        In each group the reading furthest from the others is excluded, as long as there is one.
         """
         group, out = self.group, np.zeros(len(self.readings), dtype=bool)
         of_model = np.linalg.norm(by_stated(self.readings, self.residual), axis=1)

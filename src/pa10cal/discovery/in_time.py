@@ -376,10 +376,7 @@ def _beyond_rivals(
 ) -> TimeFindings:
     """Return the motion that remains beside joints and loads whose errors may explain it as well.
 
-    Args:
-        beside: returns the motion found beside errors that depend on some joints and loads.
-        states: of the poses.
-        prismatic: (n,) which joints slide.
+    `beside` returns the motion found beside errors that depend on some of them.
     """
     found, rivals = beside(()), tuple[Threshold, ...]()
     first_mm = 0.0 if found.wander is None else found.wander.rms_mm[0]

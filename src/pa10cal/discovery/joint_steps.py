@@ -196,14 +196,10 @@ def _columns(steps: Sequence[tuple[int, float]], at: FittedModel, poses: Observa
     return CHANGE.size * columns * after[:, None, :]
 
 
-def _time_before(row: int, poses: Observations) -> float:
-    """Return the time between a row and the one before it."""
-    return float(0.5 * (poses.states.time_s[row - 1] + poses.states.time_s[row]))
-
-
 def _chosen(at: FittedModel, poses: Observations, whitener: Array) -> list[tuple[int, float]]:
     """Return the joints and times of steps that gain enough one after the other, by time."""
-    joints = range(1, at.arm.n + 1)
+    joints, time_s = range(1, at.arm.n + 1), poses.states.time_s
+    middles_s = 0.5 * (time_s + np.roll(time_s, 1))  # between each row and the one before
     of_each = {joint: CHANGE.size * linear.by_joints(at, poses, (joint,)) for joint in joints}
     found: list[tuple[int, float]] = []
 
@@ -218,10 +214,10 @@ def _chosen(at: FittedModel, poses: Observations, whitener: Array) -> list[tuple
         joint, step = best(found, joints)
         if step.gain < _needed(at, poses):
             break
-        found.append((joint, _time_before(step.row, poses)))
+        found.append((joint, float(middles_s[step.row])))
         for k, (known, _) in enumerate(found[:-1]):  # those found before may be at other rows
             _, again = best(found[:k] + found[k + 1 :], [known])
-            found[k] = known, _time_before(again.row, poses)
+            found[k] = known, float(middles_s[again.row])
     return sorted(found, key=lambda step: step[1])
 
 

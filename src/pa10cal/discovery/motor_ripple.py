@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
 from math import factorial
 
 import numpy as np
@@ -190,11 +191,8 @@ def _ripple(
     gains = np.zeros((len(_ALPHAS), len(betas)))
     for part in series:
         for line in found:
-            without_others = part
-            for other in found:
-                if other is not line:
-                    without_others = _without(without_others, other)
-            gains += _gains(without_others, line.order, betas)
+            others = [other for other in found if other is not line]
+            gains += _gains(reduce(_without, others, part), line.order, betas)
     nats = gains.max(axis=1)
     best = int(np.argmax(nats))
     return MotorRipple(

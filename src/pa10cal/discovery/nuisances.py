@@ -221,10 +221,10 @@ def steps_in_time(
 
     Rivals are other explanations of a jump, in words, by its time; such a jump is not certain.
     """
+    if wander is None or not wander.jumps:
+        return ()
     faults = []
-    for k, jump in enumerate(() if wander is None else wander.jumps):
-        assert wander is not None
-        motion = wander.motions_by_course[k]
+    for jump, motion in zip(wander.jumps, wander.motions_by_course, strict=False):  # walks follow
         size_mm = linear.rms(
             linear.error_mm(readings.measured, linear.by_base(at, readings) @ motion)
         )

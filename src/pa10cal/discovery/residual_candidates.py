@@ -351,11 +351,7 @@ def _gains_at_best_size(rivals: _Rivals, candidates: Array) -> Array:
 def _best_motion(rows: WhitenedPoses, rivals: _Rivals, since_s: Array, taus_s: Array) -> float:
     """Return the gain by motions of the base or of all targets that settle, or step early.
 
-    Args:
-        rows: P poses.
-        rivals: what the motions have to gain beside.
-        since_s: (P,) times from the first reading on.
-        taus_s: time constants with which they may settle.
+    By times (P,) from the first reading on, and time constants with which they may settle.
     """
     early_s = since_s[since_s < ORDER.end_share * since_s.max()]
     steps_s = np.quantile(early_s, np.linspace(0.0, 1.0, MOTION.coarse_times))

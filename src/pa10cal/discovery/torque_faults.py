@@ -43,7 +43,7 @@ def stated_wrongly(
     torques = _TorqueRows.of(poses, baseline, setup, faults)
     chosen: list[int] = []
     while others := [k for k in range(len(faults)) if k not in chosen]:
-        best = max(others, key=lambda k: torques.gain(chosen, k))
+        best = max(others, key=lambda k: torques.gain(chosen, k, torques.both))
         if not torques.needs(chosen, best):
             break
         chosen.append(best)
@@ -133,30 +133,29 @@ class _TorqueRows:
         columns_of = tuple(np.arange(*ends) for ends in pairwise(stops.tolist()))
         return cls((first, second), first + second, count, columns_of)
 
-    def gain(self, chosen: Sequence[int], fault: int, rows: Gaussian | None = None) -> float:
-        """Return the decrease of the sum of squares by a further fault; of all rows by default."""
+    def gain(self, chosen: Sequence[int], fault: int, rows: Gaussian) -> float:
+        """Return the decrease of the sum of squares of some rows by a further fault."""
         return self._squares(chosen, rows) - self._squares([*chosen, fault], rows)
 
     def needs(self, chosen: Sequence[int], fault: int) -> bool:
         """Return whether the log evidence needs a further fault, and either half shows it."""
         lesser = min(self.gain(chosen, fault, half) for half in self.halves)
         _, covariance, _ = self.amounts([*chosen, fault], fault)
-        nats = 0.5 * (self.gain(chosen, fault) + np.linalg.slogdet(covariance)[1])
+        nats = 0.5 * (self.gain(chosen, fault, self.both) + np.linalg.slogdet(covariance)[1])
         return bool(nats > TORQUES.fault_nats and lesser > TORQUES.half_squares)
 
     def amounts(self, chosen: Sequence[int], fault: int) -> tuple[Array, Array, float]:
         """Return a fault's amounts in its sizes, their covariance, and its share of the squares."""
-        columns, fitted = self._fit(chosen, self.both)
-        own = np.flatnonzero(np.isin(columns, self.columns_of[fault]))
-        without = self._squares([other for other in chosen if other != fault])
-        gain = (without - self._squares(chosen)) / without
+        columns = self._columns(chosen)
+        fitted, own = self.both.along(columns), np.isin(columns, self.columns_of[fault])
+        without = self._squares([other for other in chosen if other != fault], self.both)
+        gain = (without - fitted.left) / without
         return fitted.mean[own], fitted.covariance[np.ix_(own, own)], gain
 
-    def _fit(self, chosen: Sequence[int], rows: Gaussian) -> tuple[Index, Gaussian]:
-        """Return the columns of nuisances and chosen faults, and the fit of these."""
-        columns = np.concatenate([np.arange(self.nuisances), *(self.columns_of[k] for k in chosen)])
-        return columns, rows.along(columns)
+    def _columns(self, chosen: Sequence[int]) -> Index:
+        """Return the columns of nuisances and chosen faults."""
+        return np.concatenate([np.arange(self.nuisances), *(self.columns_of[k] for k in chosen)])
 
-    def _squares(self, chosen: Sequence[int], rows: Gaussian | None = None) -> float:
-        """Return the sum of squares that chosen faults leave, of all rows by default."""
-        return self._fit(chosen, self.both if rows is None else rows)[1].left
+    def _squares(self, chosen: Sequence[int], rows: Gaussian) -> float:
+        """Return the sum of squares that chosen faults leave of some rows."""
+        return rows.along(self._columns(chosen)).left

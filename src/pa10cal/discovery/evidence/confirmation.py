@@ -196,19 +196,16 @@ def _carrier(
     rows: WhitenedRows, k: int, pose: Index, labels: NDArray[np.str_], needed: float
 ) -> str | None:
     """Return the pose without which member k has little evidence; None if there is none."""
-    without = np.delete(np.arange(rows.own.shape[1]), rows.members[k])
+    others = np.delete(np.arange(rows.own.shape[1]), rows.members[k])
     total = Gaussian.of(rows.own, rows.data)
 
     def evidence_of_member(equations: Gaussian) -> float:
-        return equations.log_evidence - equations.along(without).log_evidence
+        return equations.log_evidence - equations.along(others).log_evidence
 
-    of_row = pose[rows.cell]
-    without_pose = np.empty(len(labels))
-    for number in range(len(labels)):
-        at = of_row == number
-        of_pose = Gaussian.of(rows.own[at], rows.data[at])
-        without_pose[number] = evidence_of_member(total - of_pose)
-    return carrier_of(labels, without_pose, evidence_of_member(total), needed)
+    of_each = (pose[rows.cell] == number for number in range(len(labels)))
+    of_poses = (Gaussian.of(rows.own[at], rows.data[at]) for at in of_each)
+    without = np.array([evidence_of_member(total - of_pose) for of_pose in of_poses])
+    return carrier_of(labels, without, evidence_of_member(total), needed)
 
 
 def _cross_validation(

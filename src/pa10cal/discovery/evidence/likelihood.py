@@ -171,14 +171,9 @@ class SetEvidence:
     def _columns_and_sizes(self, chosen: CandidateSet) -> tuple[Index, Array]:
         """Return the columns of a set, and the size expected of each."""
         columns = [self._columns[k] for k, _ in chosen]
-        scale = [
-            np.full(len(own), EVIDENCE.sizes[size])
-            for own, (_, size) in zip(columns, chosen, strict=True)
-        ]
-        return (
-            np.concatenate([np.zeros(0, dtype=np.intp), *columns]),
-            np.concatenate([np.zeros(0), *scale]),
-        )
+        sizes = np.array([EVIDENCE.sizes[size] for _, size in chosen])
+        lengths = np.array([len(own) for own in columns], dtype=np.intp)
+        return np.concatenate([np.zeros(0, dtype=np.intp), *columns]), np.repeat(sizes, lengths)
 
 
 class _Costs:
