@@ -67,6 +67,13 @@ def test_a_joint_that_moved_is_seen_in_the_flange_and_named_among_the_parameters
     assert rows.parameter[np.nanargmax(np.abs(rows.over_u))] == "delta_theta_3"
 
 
+def test_models_that_agree_though_a_part_of_the_arm_moved_say_both():
+    found = pa10cal.compare(campaign(1), shifted(campaign(1), delta_theta_4=1.2e-4))
+    assert found.agree
+    assert found.what_moved.verdict == "joint_zero_moved"
+    assert found.line.endswith("a part of the arm moved, which changes poses by less than that")
+
+
 def test_what_base_and_tool_explain_does_not_count():
     # The zero of joint 1 turns the base, that of joint 6 the tool.
     moved = shifted(campaign(1), delta_theta_1=0.02, delta_d_1=0.003, delta_theta_6=0.3)

@@ -60,6 +60,9 @@ def compare_models(
     compared = (FLANGE, TOOL_FRAME) if len(q) else ()
     frames = {frame: _compared_frame(*predicting, frame, q, load_N) for frame in compared}
     agree, line = _judged(frames, predicting, names)
+    moved = what_moved(first, second)
+    if agree and moved is not None and moved.verdict not in ("unchanged", "base_or_tool_moved"):
+        line += "; a part of the arm moved, which changes poses by less than that"
     return results.ComparisonRecord(
         first=_about(first, second, names[0]),
         second=_about(second, first, names[1]),
@@ -70,7 +73,7 @@ def compare_models(
         frames=frames,
         agree=agree,
         line=line,
-        what_moved=what_moved(first, second),
+        what_moved=moved,
     )
 
 
