@@ -258,6 +258,12 @@ def test_which_joints_moved_is_told_apart():
     assert found.states.move_from_previous is found.states.moved
 
 
+def test_readings_repeated_at_standstill_are_of_the_move_before_them():
+    q1, q2 = [0.0, 0.5, 0.5, 0.5, 0.5, 0.2], [0.1, 0.1, 0.1, 0.1, 0.4, 0.4]
+    found, _ = with_arrivals(observed(q1, q2))
+    assert found.states.moved.T.tolist() == [[0, 1, 1, 1, 0, -1], [0, 0, 0, 0, 1, 0]]
+
+
 def test_campaigns_of_a_group_begin_anew_and_their_directions_are_kept():
     q = [0.0, 0.5, 0.5005, 0.3]
     alone, _ = with_arrivals(observed(q, [0.0] * 4))

@@ -29,6 +29,14 @@ def test_sees_robot_and_the_files_that_are_there(campaign):
     assert arm_files(folder) == [folder / "other.yaml"]
 
 
+def test_the_file_that_states_names_of_columns_is_watched_too(campaign):
+    folder = campaign("files: {poses: poses.parquet}")
+    (folder / "poses.parquet").touch()
+    (folder / "meta").mkdir()
+    (folder / "meta" / "info.json").touch()
+    assert raw_files(folder) == [folder / "poses.parquet", folder / "meta" / "info.json"]
+
+
 @pytest.mark.parametrize("text", ["", "- a list", "robot: [", "files: cmm.csv", "files: {cmm: 3}"])
 def test_leaves_refusals_to_the_command(campaign, text):
     folder = campaign(text)

@@ -27,7 +27,8 @@ def with_arrivals(every: Observations[M], arm: Arm | None = None) -> tuple[Obser
     If the log has no direction of arrival at all, each joint is assumed to come straight from its
     position in the previous configuration, of whatever kind. A joint that stays keeps the direction
     of its last movement; the first configuration has none. `moved` holds the direction of the last
-    move alone, 0 where the joint stayed; it is also set where logged directions equal those of the
+    move alone, 0 where the joint stayed; of readings repeated while the arm stood still, that of
+    the move before them all. It is also set where logged directions equal those of the
     order, as in the table of a group. `move_share` is set wherever the order is known; the travel
     of the end, where a nominal arm is given too. If many configurations share a time there is no
     order, and no direction is known. Logged directions of `reversed_joints` change their sign.
@@ -91,7 +92,10 @@ def _moves_by_order(every: Observations) -> _MovesByOrder | None:
     direction = pd.DataFrame(np.sign(move)).mask(np.abs(move) < ORDER.stood_still)
     arrival, moved, share = np.zeros((3, *states.arrival.shape))
     arrival[in_time] = direction.groupby(campaign[in_time]).ffill().fillna(0.0).to_numpy()
-    moved[in_time] = np.where(np.abs(move) < ORDER.stayed, 0.0, np.sign(move))
+    last_move = pd.DataFrame(np.where(np.abs(move) < ORDER.stayed, 0.0, np.sign(move)))
+    stood_still = (np.abs(move) < ORDER.stood_still).all(axis=1)
+    last_move[stood_still] = np.nan
+    moved[in_time] = last_move.groupby(campaign[in_time]).ffill().to_numpy()
     share[in_time] = move_shares(move)
     return _MovesByOrder(arrival, np.nan_to_num(moved), share)
 

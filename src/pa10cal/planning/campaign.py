@@ -27,11 +27,18 @@ _BLOCK_BYTES = 1 << 20
 
 
 def raw_files(folder: Path) -> list[Path]:
-    """Return the files that `campaign.yaml` names under `files` and that are there."""
+    """Return the files that `campaign.yaml` names under `files` and that are there.
+
+    With them comes the file beside them that may state the names of their columns.
+    """
+    from pa10cal.campaign.text_lines import names_beside  # late: with what reads files
+
     named = _description(folder).get("files")
     if not isinstance(named, dict):
         return []
-    return _there(folder, [name for name in named.values() if isinstance(name, str)])
+    files = _there(folder, [name for name in named.values() if isinstance(name, str)])
+    stated = names_beside(files[0]) if files else None
+    return files if stated is None or not is_file(stated, folder) else [*files, stated]
 
 
 def missing_campaign(raw_dir: str, campaign: str) -> SettingsError:
