@@ -11,6 +11,7 @@ import pytest
 
 from made_up_model import fitted, postures, vocabulary
 from made_up_poses import at_rest
+from pa10cal.arm.ur_calibration import ur_deltas_text
 from pa10cal.fit.rigid import (
     best_rigid_model,
     beyond_rigid,
@@ -22,6 +23,7 @@ from pa10cal.fit.rigid import (
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
 from pa10cal.options import Tolerances
+from pa10cal.stages.export import DEPARTURES, remove_exported
 from pa10cal.terms.effects.readings import Scale
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.term import link_departures, tool_frame
@@ -51,6 +53,16 @@ def test_tool_and_targets_hang_on_the_flange_of_the_rigid_part():
     frames = rigid_part(pointed).frames
     assert [*frames] == ["target_A", "target_B"]
     np.testing.assert_allclose(frames["target_B"][:3, 3], [0.3, 0.4, 0.5], atol=1e-15)
+
+
+def test_only_files_of_an_earlier_export_are_removed(tmp_path):
+    own, not_text, former = (tmp_path / name for name in ("own.conf", "own.yaml", "former.conf"))
+    own.write_text("[mounting]\ndelta_theta = [ 0.0]\n")
+    not_text.write_bytes(b"\xff\xfe")
+    former.write_text(ur_deltas_text(np.zeros((6, 4)), f"{DEPARTURES} UR10"))
+    for path in (own, not_text, former, tmp_path / "none"):
+        remove_exported(path)
+    assert [path.exists() for path in (own, not_text, former)] == [True, True, False]
 
 
 def test_what_moves_no_robot_is_nothing_that_a_urdf_lacks():

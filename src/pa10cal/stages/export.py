@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -107,7 +108,8 @@ def export(
                 f"{best_urdf.name}, geometry fitted for it: {best.error}",
             ]
 
-    # All texts are made before the first is written; a file without a text is not there afterwards.
+    # All texts are made before the first is written; a file without a text that an earlier export
+    # wrote is not there afterwards.
     texts: dict[Path, str | None] = {
         urdf: _urdf(part, source, fitted.arm.name, part_comments),
         best_urdf: None,
@@ -123,13 +125,28 @@ def export(
         texts[best_dh] = None if best is None else dh_text(fitted, mark, best.model, best.error)
     for path, text in texts.items():
         if text is None:
-            path.unlink(missing_ok=True)
+            remove_exported(path)
         else:
             write_text(path, text)
     save_model(exported, model, forced=forced, warnings=list(warnings))
     print(f"{record.campaign}: model and URDF of the {record.load} calibration written")
     for line in lines:
         print(line)
+
+
+#: What stands in the files that some exports write and others do not: others are a user's own.
+_NOT_IN_IT = "what the last row departs by across its axis is not in it"
+DEPARTURES = "departures of Denavit-Hartenberg rows from those of"
+_BEST_RIGID = "the best rigid model: geometry alone"
+_COLUMN_OF_ERROR = "error_rms_mm"
+
+
+def remove_exported(path: Path) -> None:
+    """Remove a file that an earlier export wrote; leave one of another origin."""
+    with suppress(FileNotFoundError, UnicodeDecodeError):
+        text = path.read_text(encoding="utf-8")
+        if any(own in text for own in (_NOT_IN_IT, DEPARTURES, _BEST_RIGID, _COLUMN_OF_ERROR)):
+            path.unlink()
 
 
 def _is_withheld(record: CalibrationRecord, grade: str, path: Path, *, force: bool) -> bool:
@@ -194,7 +211,7 @@ def _about_best_rigid(fitted: Fitted, best: _BestRigid) -> str:
 
     beyond = terms_beyond_rigid(fitted) or "all of the model: it is rigid"
     return (
-        "the best rigid model: geometry alone, fitted by least squares to the whole model "
+        f"{_BEST_RIGID}, fitted by least squares to the whole model "
         f"with {beyond}; {best.error}; the rigid part alone (robot.urdf): "
         f"{best.error_of_part.rms_mm:.3f} mm rms"
     )
@@ -216,7 +233,7 @@ def _ur_driver_text(part: RigidPart, comments: Sequence[str]) -> str | None:
     from pa10cal.arm.ur_calibration import flange_off_m, ur_kinematics
 
     off_mm = 1e3 * flange_off_m(part.chain, part.coordinates)
-    lacks = f"what the last row departs by across its axis is not in it: {off_mm:.3f} mm"
+    lacks = f"{_NOT_IN_IT}: {off_mm:.3f} mm"
     return ur_kinematics(part.chain, part.coordinates, *comments, lacks)
 
 
@@ -236,6 +253,6 @@ def _ur_controller_text(
     return ur_deltas_text(
         deltas,
         *comments,
-        f"departures of Denavit-Hartenberg rows from those of {designed.title}; no checksums, "
+        f"{DEPARTURES} {designed.title}; no checksums, "
         "no calibration_status: those lines are of the controller's own file",
     )
