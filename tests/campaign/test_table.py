@@ -162,6 +162,16 @@ def test_refuses_what_is_no_table(tmp_path, content):
         read_pose_table(path)
 
 
+@pytest.mark.parametrize("name", ["tau6_u_Nm", "q6_rad", "time_s"])
+def test_refuses_a_table_that_lacks_a_column(tmp_path, campaign, name):
+    path = tmp_path / "poses.parquet"
+    written(campaign.observations, path, campaign.name)
+    table = pq.read_table(path)
+    pq.write_table(table.drop_columns([name]), path)
+    with pytest.raises(RawDataError, match=rf"poses.parquet: .*no column {name}.*ingest again"):
+        read_observations(path, campaign.description)
+
+
 def test_refuses_the_table_of_another_campaign(tmp_path, table):
     rng = np.random.default_rng(9)
     poses = made_up_poses(1, np.eye(6) * 1e-9, rng)

@@ -154,6 +154,17 @@ def test_no_input_of_several_is_replaced(tmp_path, capsys):
     assert "would replace the file of models" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("out", ["model.yaml", "model.covariance.npz"])
+def test_the_files_of_a_model_that_is_given_as_results_are_not_replaced(tmp_path, capsys, out):
+    folder = tmp_path / "june" / "model"
+    folder.mkdir(parents=True)
+    for name in ("model.yaml", "model.covariance.npz"):
+        (folder / name).touch()
+    words = ["--model", str(tmp_path / "june"), "--joints", "q.csv", "--out", str(folder / out)]
+    assert run_command("predict", words) == REFUSED
+    assert "would replace the file of model" in capsys.readouterr().err
+
+
 def test_fault_is_told_from_a_refusal(capsys):
     assert run_command("seed", ["--load", "0N"], failing(KeyError("x"))) == FAULT
     message = capsys.readouterr().err

@@ -171,6 +171,15 @@ def test_a_description_is_written_of_a_known_arm(stand_ins, tmp_path, capsys):
     assert "--xacro" in capsys.readouterr().err
 
 
+def test_another_urdf_of_the_name_is_not_replaced(stand_ins, tmp_path, capsys):
+    out, other = tmp_path / "mine.yaml", tmp_path / "mine.urdf"
+    other.write_text("<robot name='cell'/>")
+    assert main(["import_arm", "plain", "--out", str(out)]) == 2
+    assert "would replace another one" in capsys.readouterr().err
+    assert other.read_text() == "<robot name='cell'/>"
+    assert not out.exists()
+
+
 def test_a_folder_does_not_hide_a_known_arm_of_its_name(stand_ins, tmp_path, monkeypatch):
     (tmp_path / "plain").mkdir()
     monkeypatch.chdir(tmp_path)

@@ -22,6 +22,7 @@ from pa10cal.fit.fitted_model import (
     SCHEMA,
     FittedModel,
     load_model,
+    model_from_plain,
     model_to_plain,
     save_model,
 )
@@ -32,10 +33,13 @@ from pa10cal.numerics.periodic_spline import (
     position_covariance,
 )
 from pa10cal.options import Tolerances
-from pa10cal.terms.effects.joint import Backlash
+from pa10cal.terms.effects.joint import Backlash, JointCoupling
 from pa10cal.terms.effects.structure import ToolSag
+from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
+from pa10cal.terms.plain import term_to_plain
 from pa10cal.terms.term import link_departures, tool_frame
+from pa10cal.terms.weights import Weights
 
 
 def with_masses(robot):
@@ -255,6 +259,29 @@ def test_an_unknown_term_is_refused_by_name(tmp_path):
         load_model(path)
     with pytest.raises(ModelError, match=r"cannot be read"):
         load_model(tmp_path / "nowhere.yaml")
+
+
+@pytest.mark.parametrize(
+    ("term", "message"),
+    [
+        (
+            JointSpring(9, 50.0),
+            r"joint_spring of joint 9: .*\(got 'theta_9'\).*joints 1 to 6 of ur10",
+        ),
+        (JointSpring(2, 0.0), r"key tau_ref_Nm .*greater than 0"),
+        (Backlash("joint 0"), r"backlash of joint 0: .*\(got 'theta_0'\)"),
+        (JointCoupling("joint 3", 8, slides=False), r"joint_coupling of joint 3: .*'joint 8'"),
+        (Weights(6, (3, 27), (0.1, 0.1)), r"weights of arm: .*\(got 'column 27'\)"),
+        (Weights(7, (3,), (0.1,)), r"weights of arm: .*\(got '7 joints'\)"),
+    ],
+)
+def test_a_term_of_what_the_arm_has_not_is_refused_when_it_is_read(term, message):
+    model = fitted("ur10", 15, links_and_tool)
+    plain = model_to_plain(model)
+    values = [0.0] * len(term.parameters)
+    plain["terms"].append({**term_to_plain(term), "formula": term.formula, "x": values})
+    with pytest.raises(TermError, match=message):
+        model_from_plain(plain, where="model.yaml")
 
 
 def test_a_term_of_another_formula_is_refused(tmp_path):

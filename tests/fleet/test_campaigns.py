@@ -71,6 +71,7 @@ def test_a_table_says_arms_and_times_and_need_not_be_there(raw):
         ("campaign\n", "there are no campaigns"),
         ("campaign\n../a\n", r"row 2: no name of a campaign \(got '../a'\)"),
         ("campaign\na\nb\na\n", r"row 4: a campaign stands twice \(got 'a'\).*row 2"),
+        ("campaign\n\na\n\nb\na\n", r"row 6: a campaign stands twice \(got 'a'\).*row 3"),
         ("arm\n,\n", "no column campaign"),
         ("campaign,arm\n,left\n", "no name of a campaign"),
         ('campaign\n"a\n', "cannot be read"),

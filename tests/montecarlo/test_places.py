@@ -1,5 +1,7 @@
 """Places: uniform by area over what can be reached, in one posture; refusals explained."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import kstest
@@ -68,6 +70,14 @@ def test_what_cannot_be_drawn_is_refused(pa10_chain, reference):
 def test_other_radii_are_tried_in_turn(pa10_chain):
     found = reference_in_plane(pa10_chain, 0.5, (0.6, 2.2))
     assert found.radius_m == pytest.approx(0.6)
+
+
+def test_joints_without_limits_are_searched_over_a_turn(pa10_chain, reference):
+    arm = pa10_chain.arm
+    limits_rad = arm.limits_rad.copy()
+    limits_rad[0], limits_rad[5, 1] = (-np.inf, np.inf), np.inf
+    found = reference_in_plane(Chain.of(replace(arm, limits_rad=limits_rad)), HEIGHT_M, REACH)
+    assert found.radius_m == pytest.approx(reference.radius_m)
 
 
 # Postures: at their place, pointing down, inside the limits, and all of one kind.

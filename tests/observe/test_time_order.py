@@ -205,6 +205,15 @@ def test_random_order_is_hardly_ever_parted(random_order):
     assert len(parted) <= 2
 
 
+def test_one_time_of_all_rows_is_no_time(random_order):
+    states = replace(random_order.states, time_s=np.full(len(random_order), 7.0))
+    found, notes = with_time_validity(
+        random_order.with_states(states), np.zeros(states.n, bool), recorded=True
+    )
+    assert not found.states.timed.any()
+    assert "all rows have the same time" in notes[0]
+
+
 # Directions of arrival that the order of poses gives.
 
 

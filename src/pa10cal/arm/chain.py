@@ -150,6 +150,10 @@ class Chain:
             row for row in range(1, self.arm.n) if bend_coordinates(row)[0] in self._columns
         )
 
+    def has_coordinate(self, name: str) -> bool:
+        """Return whether the chain has a coordinate of this name."""
+        return name in self._columns
+
     def columns(self, names: tuple[str, ...]) -> NDArray[np.intp]:
         """Return the columns of the named chain coordinates (KeyError when there is none)."""
         return np.array([self._columns[name] for name in names], dtype=np.intp)

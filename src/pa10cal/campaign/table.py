@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -37,6 +38,8 @@ MOST_VALUES, MOST_PARTS, _BYTES_A_VALUE = 100_000_000, 200_000, 8
 _CAMPAIGN, _MEASURED = "campaign", ("ball", "ee_", "d_", "shared_cov_")
 #: Whether `time_s` tells time, and not an order alone; there where it does not in some row.
 _TIMED = "tells_time"
+#: Columns of a joint, with its number.
+_OF_JOINT = re.compile(r"(?:q|tau|s)(\d+)(?:_|$)")
 
 
 def write_pose_table(
@@ -68,6 +71,14 @@ def read_observations(path: Path, description: CampaignDescription) -> Observati
     Raises:
         RawDataError: when the file is missing, is no such table, or is of another campaign.
     """
+    try:
+        return _read_observations(path, description)
+    except KeyError as error:
+        raise _no_table(path, f"no column {error.args[0]}") from None
+
+
+def _read_observations(path: Path, description: CampaignDescription) -> Observations:
+    """Read the table of poses; KeyError when it lacks a column."""
     table = read_pose_table(path, description.name)
     columns = {str(name): table[name].to_numpy() for name in table}
     if not description.campaigns:
@@ -231,7 +242,7 @@ def _observations(
     base: BaseTargets | None = None,
 ) -> Observations:
     """Return the readings of one campaign from columns."""
-    n = sum(name.startswith("tau") and name.endswith("_u_Nm") for name in columns)
+    n = max((int(found[1]) for name in columns if (found := _OF_JOINT.match(name))), default=0)
     prismatic = np.array([f"q{joint}_m" in columns for joint in range(1, n + 1)])
     of_joints = {
         quantity: np.column_stack([columns[name] for name in names]).astype(float)

@@ -277,7 +277,8 @@ def _refuse_to_replace(values: Mapping[str, Any]) -> None:
         return
     for name, value in values.items():
         paths = value if isinstance(value, tuple) else (value,)
-        inputs = [path for path in paths if isinstance(path, str | Path) and is_file(Path(path))]
+        inputs = [Path(path) for path in paths if isinstance(path, str | Path)]
+        inputs = [path for path in _with_files_of_models(inputs) if is_file(path)]
         if name != "out" and any(map(out.samefile, inputs)):
             raise OutputError(
                 f"the output would replace the file of {name.replace('_', ' ')}",
@@ -286,6 +287,15 @@ def _refuse_to_replace(values: Mapping[str, Any]) -> None:
                 allowed="a path of its own",
                 remedy="give another one",
             )
+
+
+def _with_files_of_models(inputs: Sequence[Path]) -> list[Path]:
+    """Return inputs, and the files of the models that they are or that folders among them hold."""
+    from pa10cal.fit.covariance_file import covariance_path  # late: with numpy
+    from pa10cal.fit.fitted_model import file_of
+
+    models = [file_of(path) for path in inputs if path.is_dir() or path.suffix == ".yaml"]
+    return [*inputs, *models, *map(covariance_path, models)]
 
 
 def _nobody_reads() -> bool:

@@ -348,6 +348,7 @@ def _import_urdf(
     source = {"file": copy.name, "base": imported.base, "tip": imported.tip}
     described = arm_text(arm, [f"Imported from {origin}.", *lines], source)
     parse_arm(parse_yaml(described), where=str(out))  # refuse what could not be read again
+    _refuse_another_urdf(copy, text, out)
     with whole_files(out, copy) as (description, beside):
         description.write_text(described, encoding="utf-8", newline="\n")
         beside.write_text(text, encoding="utf-8", newline="")
@@ -356,6 +357,26 @@ def _import_urdf(
         f"{out}: forward kinematics differs from that of the URDF by "
         f"{imported.forward_kinematics_difference_m:.1e} m and "
         f"{imported.forward_kinematics_difference_rad:.1e} rad at most"
+    )
+
+
+def _refuse_another_urdf(copy: Path, text: str, out: Path) -> None:
+    """Refuse to replace a URDF other than the one that is copied, or that `out` came from."""
+    from contextlib import suppress
+
+    from pa10cal.errors import ArmError
+
+    if not copy.is_file() or copy.read_bytes() == text.encode():
+        return
+    with suppress(FileNotFoundError, UnicodeDecodeError):
+        if f"file: {copy.name}" in out.read_text(encoding="utf-8"):
+            return
+    raise ArmError(
+        "the copy of the URDF would replace another one",
+        where="--out",
+        value=str(copy),
+        allowed="a name of which no .urdf is there, or the description that came from it",
+        remedy="give the description another name, or move that file away",
     )
 
 

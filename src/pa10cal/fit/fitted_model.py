@@ -48,7 +48,7 @@ from pa10cal.fit.validity import AngleCoverage, Discrepancy
 from pa10cal.results.calibration import CalibrationRecord, Covariance
 from pa10cal.terms.field import Field
 from pa10cal.terms.model import Model
-from pa10cal.terms.plain import term_from_plain, term_to_plain
+from pa10cal.terms.plain import refuse_of_another_arm, term_from_plain, term_to_plain
 from pa10cal.terms.term import Term
 from pa10cal.yaml_file import read_yaml
 
@@ -425,6 +425,7 @@ def model_from_plain(
         terms = tuple(term for term, _ in pairs)
         arm = arm_from_plain(content["arm"])
         chain = Chain.of(arm, bends=tuple(content["arm"]["bends"]))
+        refuse_of_another_arm(terms, chain, where)
         targets = content["targets_m"]
         fitted, payload, seen = content["fitted_to"], content["payload"], content["seen"]
         lacks = content.get("discrepancy")

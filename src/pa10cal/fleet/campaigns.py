@@ -79,7 +79,10 @@ def _sortable_time(campaign: ListedCampaign) -> str:
 def _of_table(path: Path) -> list[tuple[str, ListedCampaign]]:
     """Return the campaigns of a table, each with the place that messages name."""
     try:
-        rows = [[cell.strip() for cell in row] for _, row in read_csv(path, _MOST_BYTES)]
+        lines, rows = [], []
+        for line, row in read_csv(path, _MOST_BYTES):
+            lines.append(line)
+            rows.append([cell.strip() for cell in row])
     except (OSError, ValueError) as error:
         raise SettingsError(
             "the table of campaigns cannot be read",
@@ -106,7 +109,7 @@ def _of_table(path: Path) -> list[tuple[str, ListedCampaign]]:
             remedy="correct the name, or remove the column",
         )
     listed = []
-    for number, row in enumerate(rows[1:], start=2):
+    for number, row in zip(lines[1:], rows[1:], strict=True):
         where = f"{path}, row {number}"
         if len(row) != len(header):
             raise SettingsError(

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.chain import Chain
+from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array
 from pa10cal.errors import SettingsError
 
@@ -156,7 +157,7 @@ def reference_in_plane(
     Raises:
         SettingsError: when no place of the plane can be reached.
     """
-    low, high = chain.arm.joint_ranges_rad.T
+    low, high = _search_ranges(chain.arm).T
     starts = np.random.default_rng(0).uniform(low, high, (_STARTS, chain.arm.n))
     starts[0] = (low + high) / 2.0
     near, far = reach_m
@@ -234,13 +235,21 @@ def _motion_missing(
     return np.concatenate([target_m - T_base_ee[:, :3, 3], rotation], axis=1), screws
 
 
+def _search_ranges(arm: Arm) -> Array:
+    """Return the joint ranges (n, 2) [rad]; where a limit is infinite they are one turn wide."""
+    low, high = arm.joint_ranges_rad.T
+    turn_below = np.where(np.isfinite(high), high - 2.0 * np.pi, -np.pi)
+    low = np.where(np.isfinite(low), low, turn_below)
+    return np.column_stack([low, np.where(np.isfinite(high), high, low + 2.0 * np.pi)])
+
+
 def _search_residual(chain: Chain, q_rad: Array, place_m: Array) -> tuple[Array, Array]:
     """Return residuals (P, 6 + n) of the search, and the derivative (P, 6 + n, n).
 
     Residuals are those of position, of the downward axis and, with little weight, of the middle of
     the joint ranges, which determines the flange's roll.
     """
-    low, high = chain.arm.joint_ranges_rad.T
+    low, high = _search_ranges(chain.arm).T
     half_range = (high - low) / 2.0
     T_base_ee, screws = flange_with_screws(chain, q_rad)
     position_m, axis = T_base_ee[:, :3, 3], T_base_ee[:, :3, 2]

@@ -93,7 +93,9 @@ def with_time_validity(
     Returns:
         The readings, and one clause that says why they are not timed; none where they are.
     """
-    if recorded:
+    if recorded and len(every) > 1 and not np.ptp(every.states.time_s):
+        why = "all rows have the same time"
+    elif recorded:
         calibration_poses = every.take(np.flatnonzero(every.kind == "grid"))
         followed = confounded_with_time(calibration_poses, prismatic)
         if not followed:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
-from typing import ClassVar, TypeGuard
+from typing import Annotated, ClassVar, TypeGuard
 
 import numpy as np
+from pydantic import Field
 
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
@@ -53,7 +54,8 @@ class JointSpring(Traits):
     """
 
     joint: int  # 1 … n
-    tau_ref_Nm: float  # reference torque, best the largest that the joint carried
+    # reference torque, best the largest that the joint carried
+    tau_ref_Nm: Annotated[float, Field(gt=0.0)]
     cubic: bool = True  # whether K_cub is an unknown; a linear spring has K_cub = 0
     # windup to be expected; None where any is as likely
     plausible_rad: float | None = field(default=None, metadata={OPTIONAL: True})

@@ -6,13 +6,14 @@ of its parameters belong to the fitted model, not to the term.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import fields
 from functools import cache
 from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 
+from pa10cal.arm.chain import Chain
 from pa10cal.errors import TermError, remedy_for
 from pa10cal.terms.effects.effect import every_effect
 from pa10cal.terms.field import Field, Nameless, is_nameless
@@ -83,6 +84,43 @@ def term_from_plain(content: Mapping[str, Any], *, where: str) -> Term:
             remedy="write the model again",
         ) from None
     return term
+
+
+def refuse_of_another_arm(terms: Iterable[Term], chain: Chain, where: str) -> None:
+    """Refuse terms of joints, coordinates or weights that an arm does not have.
+
+    Raises:
+        TermError: naming the term, and what of it the arm has not.
+    """
+    n = chain.arm.n
+    known_joints, known_weights = range(1, n + 1), range(4 * n + 3)
+    for term in terms:
+        parts: tuple[Any, ...] = (term,)
+        if of_one_campaign(term):
+            parts = (term.term,)
+        elif is_nameless(term):
+            parts = term.terms
+        wrong: list[object] = [name for name in term.coordinates if not chain.has_coordinate(name)]
+        for part in parts:
+            joints = [getattr(part, name) for name in _JOINT_NUMBERS if hasattr(part, name)]
+            joints += getattr(part, "joints", ())
+            wrong += [f"joint {joint}" for joint in joints if joint not in known_joints]
+            if isinstance(part, Weights):
+                columns = (*part.columns, *(() if part.held is None else (part.held,)))
+                wrong += [f"column {column}" for column in columns if column not in known_weights]
+                wrong += [f"{part.n} joints"] * (part.n != n)
+        if wrong:
+            raise TermError(
+                "a term of what the arm does not have",
+                where=f"{where}: {term.id} of {term.of}",
+                value=wrong[0],
+                allowed=f"joints 1 to {n} of {chain.arm.name}, and what belongs to them",
+                remedy="write the model again",
+            )
+
+
+#: Fields that hold the number of a joint.
+_JOINT_NUMBERS = ("joint", "by", "last")
 
 
 def _term_of_campaign(form: Mapping[str, Any], where: str) -> OfCampaign:
