@@ -93,6 +93,16 @@ def read_csv(path: Path, most_bytes: int, *within: Path | None) -> Iterator[tupl
             raise ValueError(f"line {rows.line_num}: {error}") from None
 
 
+#: Files beside a data set of lerobot that state the names of columns of arrays.
+_STATES_NAMES = ("meta/info.json", "info.json")
+
+
+def names_beside(path: Path) -> Path | None:
+    """Return the file that may state the names of the columns of `path`; None for none."""
+    stated = (path.parent / each for each in _STATES_NAMES)
+    return next((each for each in stated if each.is_file()), None)
+
+
 def is_file(path: Path, *within: Path | None) -> bool:
     """Return whether `open_file` would take a path for a file; nothing is opened."""
     try:

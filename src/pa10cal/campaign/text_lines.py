@@ -26,7 +26,7 @@ from pathlib import Path
 from typing import IO, NamedTuple, cast
 
 from pa10cal.errors import MissingPackageError, RawDataError
-from pa10cal.input_files import open_file, reason
+from pa10cal.input_files import names_beside, open_file, reason
 
 #: Largest files that are read, unpacked, and most lines.
 LARGEST_BYTES, MOST_LINES = 310_000_000, 5_000_000
@@ -45,8 +45,6 @@ _ONE_BYTE = ("cp1252", "cp850", "mac_roman")
 #: Letters that such files usually have besides ASCII: units, German, French and Spanish.
 _USUAL = frozenset("°µ²³±ΔäöüÄÖÜßàâçèéêëîïôùûÀÇÈÉÊáíóúñÁÍÓÚÑ")
 _ASCII = bytes(range(128))
-#: Files beside a data set of lerobot that state the names of columns of arrays.
-_STATES_NAMES = ("meta/info.json", "info.json")
 #: Beginnings of files that are packed in another way than with gzip.
 _PACKED = {
     b"\x28\xb5\x2f\xfd": "zstd",
@@ -247,12 +245,6 @@ def _rows_of_binary(
 #: times; files and letters kept, at most.
 _RECENT: dict[tuple[str, str, str], tuple[list[TextLine], list[str]]] = {}
 _RECENT_FILES, _RECENT_LETTERS = 4, 20_000_000
-
-
-def names_beside(path: Path) -> Path | None:
-    """Return the file that may state the names of the columns of `path`; None for none."""
-    stated = (path.parent / each for each in _STATES_NAMES)
-    return next((each for each in stated if each.is_file()), None)
 
 
 def _names_in(path: Path) -> dict[str, list[str]]:

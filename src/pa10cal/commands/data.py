@@ -104,9 +104,9 @@ def _comments_of_a_trial_reading(files: tuple[Path, ...], text: str, arm: Arm) -
 
     from pa10cal.campaign.description import DESCRIPTION_FILE
     from pa10cal.campaign.read import read_campaign
-    from pa10cal.campaign.text_lines import names_beside
     from pa10cal.errors import Pa10calError
     from pa10cal.files.arms import arm_text
+    from pa10cal.input_files import names_beside
     from pa10cal.reports.formatting import count
 
     with TemporaryDirectory() as name:

@@ -19,7 +19,7 @@ from typing import Any
 
 from pa10cal.errors import OutputError, RawDataError, SettingsError, fits_a_folder
 from pa10cal.files import own_description
-from pa10cal.input_files import is_file, open_file
+from pa10cal.input_files import is_file, names_beside, open_file
 from pa10cal.running.run_lock import refuse_at_work
 from pa10cal.yaml_file import read_yaml
 
@@ -31,8 +31,6 @@ def raw_files(folder: Path) -> list[Path]:
 
     With them comes the file beside them that may state the names of their columns.
     """
-    from pa10cal.campaign.text_lines import names_beside  # late: with what reads files
-
     named = _description(folder).get("files")
     if not isinstance(named, dict):
         return []
