@@ -18,7 +18,7 @@ import yaml
 from attacks import SECRET
 from built_once import built_once
 from made_up_results import NAME, small_results
-from pa10cal.files.output import from_csv_cell
+from pa10cal.files.table_cells import from_csv_cell
 from pa10cal.results.codec import write
 from pa10cal.results.outcomes import PicturesRecord
 

@@ -12,7 +12,8 @@ import pandas as pd
 
 from pa10cal.arrays import Array
 from pa10cal.errors import RawDataError, RecordError, SettingsError
-from pa10cal.files.output import csv_text, whole_files
+from pa10cal.files.output import whole_files
+from pa10cal.files.table_cells import csv_text
 from pa10cal.input_files import open_file, read_csv, reason
 from pa10cal.results.codec import read, write
 from pa10cal_curve.curve import polyline, spline_through

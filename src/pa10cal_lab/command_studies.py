@@ -110,7 +110,7 @@ def _by_name(kind: type[_R], paths: Sequence[Path]) -> dict[str, _R]:
 
 def _table(trials: Sequence[JudgedTrial]) -> str:
     """Return one line a trial, lists joined."""
-    from pa10cal.files.output import csv_text
+    from pa10cal.files.table_cells import csv_text
     from pa10cal_lab.trial_records import JudgedTrial
 
     rows = [

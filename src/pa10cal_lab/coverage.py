@@ -24,7 +24,7 @@ from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.calibration.paper import parameter_records
 from pa10cal.calibration.two_level_fit import calibrate
 from pa10cal.files.arms import load_arm
-from pa10cal.files.output import csv_text
+from pa10cal.files.table_cells import csv_text
 from pa10cal.observe.kinds import instruments
 from pa10cal.observe.observations import Observations, average_repeats, poses_of
 from pa10cal.observe.quantities import Start

@@ -13,7 +13,7 @@ from pa10cal.campaign.csv_rows import read_rows
 from pa10cal.campaign.raw_rows import Quarantined, quarantine_csv
 from pa10cal.errors import one_line
 from pa10cal.figures.table import ResultTable, write_table
-from pa10cal.files.output import csv_cell, csv_text, from_csv_cell, markdown_cell
+from pa10cal.files.table_cells import csv_cell, csv_text, from_csv_cell, markdown_cell
 from pa10cal.input_files import read_csv
 from pa10cal.reports.blocks import grid
 

@@ -30,7 +30,7 @@ from pa10cal.campaign.raw_rows import TEXT, RawRows, quarantined
 from pa10cal.campaign.recognise import mistaken_encoding
 from pa10cal.campaign.text_lines import TextLine
 from pa10cal.errors import RawDataError
-from pa10cal.files.output import from_csv_cell
+from pa10cal.files.table_cells import from_csv_cell
 from pa10cal.options import Section
 
 #: Rows, or letters, that are read at a time; columns of a file, at most.

@@ -21,7 +21,7 @@ from pa10cal.campaign.csv_rows import CUT, column_names, read_rows
 from pa10cal.campaign.joint_positions import in_radians, position_columns
 from pa10cal.campaign.raw_rows import RawRows
 from pa10cal.errors import RawDataError
-from pa10cal.files.output import csv_line, csv_text
+from pa10cal.files.table_cells import csv_line, csv_text
 
 _PLACE = ("x_mm", "y_mm", "z_mm")
 _OF_POSE = ("load_N", "temperature_C", "time_s")

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from pa10cal.arrays import Array, Index, Mask
 from pa10cal.campaign.column_map import CONTRACT_COLUMNS, ColumnMap
 from pa10cal.errors import RawDataError
-from pa10cal.files.output import csv_text, from_csv_cell
+from pa10cal.files.table_cells import csv_text, from_csv_cell
 from pa10cal.observe.observations import Observations
 
 #: Columns of text; all others hold numbers.

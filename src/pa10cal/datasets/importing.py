@@ -21,7 +21,8 @@ from pa10cal.campaign.text_lines import LARGEST_BYTES
 from pa10cal.datasets.data_set import AsItIs, DataSet, ImportedCampaign
 from pa10cal.datasets.fetching import differing_files, refusal_of, unreadable
 from pa10cal.errors import OutputError, RawDataError
-from pa10cal.files.output import FORMER, csv_text, folder_beside, writing_into
+from pa10cal.files.output import FORMER, folder_beside, writing_into
+from pa10cal.files.table_cells import csv_text
 from pa10cal.input_files import read_file
 
 POSES_FILE = "poses.csv.gz"

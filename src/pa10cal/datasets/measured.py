@@ -18,7 +18,8 @@ from pa10cal.campaign.description import read_description
 from pa10cal.datasets.known_campaigns import CAMPAIGNS, groups_of
 from pa10cal.errors import Pa10calError, RecordError
 from pa10cal.files.arms import load_arm
-from pa10cal.files.output import csv_text, markdown_cell, write_text
+from pa10cal.files.output import write_text
+from pa10cal.files.table_cells import csv_text, markdown_cell
 from pa10cal.results import outcomes
 from pa10cal.results.calibration import CalibrationRecord
 from pa10cal.results.codec import read

@@ -10,7 +10,8 @@ from typing import Any
 
 import pandas as pd
 
-from pa10cal.files.output import csv_text, markdown_cell, markdown_line, whole_files, write_text
+from pa10cal.files.output import whole_files, write_text
+from pa10cal.files.table_cells import csv_text, markdown_cell, markdown_line
 from pa10cal.reports.blocks import Grid
 
 Row = tuple[str, ...]

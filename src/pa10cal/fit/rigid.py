@@ -9,7 +9,7 @@ import numpy as np
 from pa10cal.arm.chain import Chain, end_pose, end_pose_with_screws
 from pa10cal.arrays import Array
 from pa10cal.errors import ModelError
-from pa10cal.files.output import csv_text
+from pa10cal.files.table_cells import csv_text
 from pa10cal.fit.fitted import FLANGE, TARGET, TOOL_FRAME, Fitted
 from pa10cal.fit.forward import T_flange_frame, moves_robot, pose_difference, predicted
 from pa10cal.observe.observations import Observations

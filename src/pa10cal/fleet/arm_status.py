@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import get_args
 
 from pa10cal.errors import Pa10calError, RecordError
-from pa10cal.files.output import csv_text
+from pa10cal.files.table_cells import csv_text
 from pa10cal.fleet.campaigns import ListedCampaign, in_order
 from pa10cal.results.calibration import UNRESERVED
 from pa10cal.results.codec import read

@@ -14,7 +14,8 @@ from pa10cal.arrays import Array, Index
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.joint_positions import position_columns
 from pa10cal.errors import CalibrationError
-from pa10cal.files.output import csv_text, whole_files
+from pa10cal.files.output import whole_files
+from pa10cal.files.table_cells import csv_text
 from pa10cal.numerics.pose_sets import (
     Combined,
     Criterion,

@@ -16,7 +16,8 @@ import yaml
 from pa10cal.arm.description import Arm
 from pa10cal.errors import SimulationError
 from pa10cal.files.arms import arm_names, arm_text, load_arm
-from pa10cal.files.output import csv_text, whole_file, write_text
+from pa10cal.files.output import whole_file, write_text
+from pa10cal.files.table_cells import csv_text
 from pa10cal.results.codec import write
 from pa10cal_lab.cell.campaign import REFERENCE_TEMPERATURE_C, SimulatedCampaign
 from pa10cal_lab.cell.disturbances import disturb
