@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from pa10cal.arm.description import Arm
-from pa10cal.calibration.accuracy import HeldOut
+from pa10cal.calibration.accuracy import HeldOut, NoisyCampaign
 from pa10cal.calibration.fit_summary import FitSummary, poses_needed
 from pa10cal.calibration.rules import GRADES
 from pa10cal.results import calibration as records
@@ -67,6 +67,8 @@ class GradeEvidence:
     arm: Arm | None = None  # as described; None where that is not known
     # largest turn of the end-effector between two poses [rad]; None where not known
     turned_rad: float | None = None
+    # the campaign of a group that alone is noisier than stated; None for none
+    noisy_campaign: NoisyCampaign | None = None
 
     @cached_property
     def poses(self) -> records.PosesNeeded:

@@ -320,6 +320,8 @@ def _remarks(evidence: GradeEvidence) -> Iterator[str]:
         first = departures[0]
         remedy = f"; {first.remedy}" if first.kind == "joint_zero" else ""
         yield f"{first.where}: {first.what}, as held-out poses confirm{more}{remedy}"
+    if evidence.noisy_campaign is not None:
+        yield str(evidence.noisy_campaign)
     if evidence.below_noise and not (evidence.repeats or evidence.noise_is_found):
         yield (
             f"the stated noise of {evidence.noise_mm:.2g} mm is larger than what remains: effects "

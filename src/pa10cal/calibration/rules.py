@@ -200,6 +200,8 @@ class Groups:
     chance_rate: float = 1e-3
     # and parameters of its own take away this part of one's squared error (trials)
     matters_share: float = 0.1
+    # causes of that whose log likelihoods differ by less are told together [nat] (level)
+    as_well_nats: float = 3.0
     # variance of a parameter that its fit left at the end of its range, in squares of its
     # scale (size)
     bound_squares: float = 30.0

@@ -61,6 +61,8 @@ def write_pose_table(
         metadata["base_motion"] = json.dumps(asdict(every.base.found))
     if targets := every.measured.R_first_target_of:
         metadata["targets"] = json.dumps({name: R.tolist() for name, R in targets.items()})
+    if stand_m := every.measured.p_first_instr_of:
+        metadata["instruments"] = json.dumps({name: p_m.tolist() for name, p_m in stand_m.items()})
     table = table.replace_schema_metadata(metadata)
     pq.write_table(table, path, compression="zstd")
 
@@ -95,9 +97,13 @@ def _read_observations(path: Path, description: CampaignDescription) -> Observat
         }
         parts.append(_observations(own, campaign))
         rows.append(here)
-    known = json.loads(_metadata(path).get(b"targets", b"{}"))
-    targets = {name: np.array(R) for name, R in known.items()}
-    whole = concatenated(parts, tuple(campaign.name for campaign in description.campaigns), targets)
+    metadata = _metadata(path)
+    targets, stand_m = (
+        {name: np.array(known) for name, known in json.loads(metadata.get(key, b"{}")).items()}
+        for key in (b"targets", b"instruments")
+    )
+    names = tuple(campaign.name for campaign in description.campaigns)
+    whole = concatenated(parts, names, targets, stand_m)
     return whole.take(np.argsort(np.concatenate(rows), kind="stable"))
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from typing_extensions import override
 
 from pa10cal.arrays import Array
+from pa10cal.calibration.accuracy import noisy_campaign
 from pa10cal.calibration.two_level_fit import check_torques
 from pa10cal.discovery import linear
 from pa10cal.discovery.blocked_cv.survey import LEAST_FOR_BLOCKS
@@ -174,15 +175,34 @@ def _nameless(found: Verdict, model: FittedModel) -> tuple[Effect, ...]:
 def _judged(campaign: Prepared, model: FittedModel) -> Verdict:
     """Return the verdict of the scorer that suits a campaign, before its gates.
 
-    A loose target stands for what is unexplained and at no place.
+    A loose target, or a noisy campaign of a group, stands for what is unexplained at no place.
     """
     found = _by_scorer(campaign, model)
     # A target that slipped once has other distances from then on.
     slipped = any(fault.kind == "step_in_time" for fault in found.faults_of_rows)
     if slipped or not (loose := loose_targets(campaign.trusted)):
-        return found
+        return _of_noisy_campaign(found)
     placed = tuple(each for each in found.unexplained if each.of is not None)
     return replace(found, unexplained=(*loose, *placed))
+
+
+def _of_noisy_campaign(found: Verdict) -> Verdict:
+    """Return the verdict, what is unexplained at no place being of a campaign that is noisy.
+
+    Not where the log is to be checked: that may be why a campaign is.
+    """
+    poses, error_mm = found.train.poses, found.train.found_after.distance_mm
+    noisy = noisy_campaign(poses, error_mm, poses.measured.stated_covariance)
+    if noisy is None or found.verdict == "check_the_log":
+        return found
+    of = f"campaign {noisy.name}"
+    parts = (
+        each.model_copy(update={"of": of, "why": f"{each.why}; {noisy}"})
+        if each.of is None
+        else each
+        for each in found.unexplained
+    )
+    return replace(found, unexplained=tuple(parts))
 
 
 def _by_scorer(campaign: Prepared, model: FittedModel) -> Verdict:

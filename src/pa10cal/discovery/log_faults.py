@@ -51,6 +51,8 @@ _OF_INPUT: dict[str, FaultKind] = {
     "joint_zero": "joint_zero",
     "target_label": "label",
     "campaigns": "step_in_time",
+    "instrument_scale": "step_in_time",
+    "range_constant": "step_in_time",
 }
 
 

@@ -35,11 +35,23 @@ class _Distance(NamedTuple):
 def loose_targets(poses: Observations) -> tuple[Unexplained, ...]:
     """Return the target that is loose, or two of which one is, as an unexplained part of the error.
 
-    Nothing is told of a group, nor where fewer than three targets were measured: which of two moves
-    cannot be told, nor whether the stated uncertainty is too small.
+    Of a group, those of each campaign. Nothing is told where fewer than three targets were
+    measured: which of two moves cannot be told, nor whether the stated uncertainty is too small.
     """
+    campaigns = poses.by_campaign()
+    if not campaigns:
+        return _loose(poses)
+    return tuple(
+        each.model_copy(update={"of": f"{each.of} of {name}"})
+        for name, own in campaigns.items()
+        for each in _loose(own)
+    )
+
+
+def _loose(poses: Observations) -> tuple[Unexplained, ...]:
+    """Return the loose target of one campaign."""
     measured = poses.measured
-    if measured.campaigns or measured.places_m.shape[1] < LOOSE.targets:
+    if len(poses) == 0 or measured.places_m.shape[1] < LOOSE.targets:
         return ()
     distances = list(_distances(measured))
     if not distances:
@@ -55,10 +67,16 @@ def loose_targets(poses: Observations) -> tuple[Unexplained, ...]:
     names = [measured.target_names[target] for target in sorted(common)]
     worst = max(moving, key=lambda each: each.scatter_m)
     steady_mm = 1e3 * min(each.scatter_m for each in distances)
+    between = _knocked_between(poses, worst, noise_ratio)
+    lies = "whatever the arm does: it is loose, or its mount gives way; fasten it, or"
+    if between is not None:
+        lies = (
+            f"by one step between poses {between[0]} and {between[1]}: it was knocked; give it "
+            "another name from there on, or"
+        )
     why = (
         f"its distances from other targets scatter by up to {1e3 * worst.scatter_m:.3f} mm, the "
-        f"steadiest of all distances by {steady_mm:.3f} mm, whatever the arm does: it is loose, or "
-        "its mount gives way; fasten it, or calibrate without it"
+        f"steadiest of all distances by {steady_mm:.3f} mm, {lies} calibrate without it"
     )
     return (
         Unexplained(
@@ -68,6 +86,29 @@ def loose_targets(poses: Observations) -> tuple[Unexplained, ...]:
             why=why,
         ),
     )
+
+
+def _knocked_between(
+    poses: Observations, moving: _Distance, noise_ratio: float
+) -> tuple[str, str] | None:
+    """Return the poses between which one step makes a distance scatter; None if none does.
+
+    Args:
+        noise_ratio: of the scatter of the steadiest distance to the stated noise.
+    """
+    length_m = distances_between(poses.measured.places_m)[moving.targets]
+    in_time = np.argsort(poses.states.time_s, kind="stable")
+    in_time = in_time[np.isfinite(length_m[in_time])]
+    length_m = length_m[in_time]
+    first = range(LOOSE.either_side, len(length_m) - LOOSE.either_side + 1)
+    if not first:
+        return None
+    squares = [sum(part.var() * len(part) for part in np.split(length_m, [row])) for row in first]
+    row = first[int(np.argmin(squares))]
+    steady_m = np.concatenate([part - np.median(part) for part in np.split(length_m, [row])])
+    if MEDIAN_TO_SIGMA * np.median(np.abs(steady_m)) > LOOSE.ratio * noise_ratio * moving.noise_m:
+        return None
+    return str(poses.pose[in_time[row - 1]]), str(poses.pose[in_time[row]])
 
 
 def _distances(measured: Instrument) -> Iterator[_Distance]:

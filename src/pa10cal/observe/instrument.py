@@ -82,6 +82,11 @@ class Instrument(ABC):
         return {}
 
     @property
+    def p_first_instr_of(self) -> Mapping[str, Array]:
+        """Return by name, for a group, where each instrument stands (3,), in the common frame."""
+        return {}
+
+    @property
     def parts_seen(self) -> tuple[tuple[Index | slice, slice], ...]:
         """Return, for each campaign of a group, its poses and the components measured in them."""
         return ((slice(None), slice(None)),)

@@ -59,6 +59,8 @@ class Joined(Instrument):
     # by name, orientation (3, 3) of each campaign's target in that of the first, to which measured
     # orientations were turned
     targets: Mapping[str, Array] = field(default_factory=dict)
+    # by name, where each campaign's instrument stands (3,) in the frame of all
+    instruments_m: Mapping[str, Array] = field(default_factory=dict)
 
     kind: ClassVar[str] = ""
     words: ClassVar[Words] = Words(
@@ -150,6 +152,10 @@ class Joined(Instrument):
         return self.targets
 
     @property
+    def p_first_instr_of(self) -> Mapping[str, Array]:
+        return self.instruments_m
+
+    @property
     def parts_seen(self) -> tuple[tuple[Index | slice, slice], ...]:
         return tuple((share.rows, share.columns["b"]) for share in self._shown)
 
@@ -171,7 +177,9 @@ class Joined(Instrument):
         return replace(self, parts=tuple(parts), campaign=campaign)
 
     def in_frame(self, T: Array) -> Self:
-        return self._with(part.in_frame(T) for part in self.parts)
+        moved = self._with(part.in_frame(T) for part in self.parts)
+        stand_m = {name: T[:3, :3] @ p_m + T[:3, 3] for name, p_m in self.instruments_m.items()}
+        return replace(moved, instruments_m=stand_m)
 
     def turned(self, R_ee_target: Array) -> Self:
         return self._with(part.turned(R_ee_target) for part in self.parts)
@@ -390,11 +398,13 @@ def join(campaigns: Sequence[GroupCampaign]) -> Observations[Joined]:
     """
     first = campaigns[0].start
     parts: list[Observations] = []
+    instruments_m = {}
     end_s = 0.0
     for each in campaigns:
         part, start = each.observations, each.start
+        T_first_own = first.T_instr_base @ np.linalg.inv(start.T_instr_base)
+        instruments_m[each.name] = T_first_own[:3, 3]
         if start is not first:
-            T_first_own = first.T_instr_base @ np.linalg.inv(start.T_instr_base)
             measured = part.measured.in_frame(T_first_own)
             measured = measured.turned(first.R_ee_target.T @ start.R_ee_target)
             part = replace(part, measured=measured)
@@ -407,13 +417,14 @@ def join(campaigns: Sequence[GroupCampaign]) -> Observations[Joined]:
         parts.append(replace(part, pose=labels, states=replace(part.states, time_s=time_s)))
     R_first = first.R_ee_target
     targets = {each.name: R_first.T @ each.start.R_ee_target for each in campaigns}
-    return concatenated(parts, tuple(targets), targets)
+    return concatenated(parts, tuple(targets), targets, instruments_m)
 
 
 def concatenated(
     parts: Sequence[Observations],
     names: tuple[str, ...],
     targets: Mapping[str, Array] | None = None,
+    instruments_m: Mapping[str, Array] | None = None,
 ) -> Observations[Joined]:
     """Return the single readings of campaigns one after the other.
 
@@ -421,6 +432,7 @@ def concatenated(
         parts: those of each, in one frame, with labels and times that no other has.
         names: of the campaigns.
         targets: see `Joined`; None where no orientations were turned.
+        instruments_m: see `Joined`; None where it is not known where they stand.
     """
     campaign = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
     fields = ("q_rad", "tau_Nm", "arrival", "load_N", "temperature_C", "time_s")
@@ -443,7 +455,13 @@ def concatenated(
     return Observations(
         pose=np.concatenate([part.pose for part in parts]),
         states=PoseStates(**arrays, campaign=campaign, timed=timed),
-        measured=Joined(names, tuple(part.measured for part in parts), campaign, targets or {}),
+        measured=Joined(
+            names,
+            tuple(part.measured for part in parts),
+            campaign,
+            targets or {},
+            instruments_m or {},
+        ),
         kind=np.concatenate([part.kind for part in parts]),
         repeat=np.concatenate([part.repeat for part in parts]),
         readings=np.concatenate([part.readings for part in parts]),

@@ -147,13 +147,15 @@ class Health(record.Part):
 
 
 class Difference(record.Part):
-    """The one parameter that, if it alone differed between campaigns, explains most."""
+    """One cause that, if it alone differed between campaigns, explains so much."""
 
-    name: str  # the parameter
+    name: str  # the parameter of the robot; `scale` or `range_constant` of an instrument
     unit: str  # its unit
     value: float  # this campaign less the others
     std: float  # standard uncertainty of that
     chi_square: float  # how much of the chi-square it explains
+    # remaining error of all poses of the group with it [mm]
+    left_mm: float | None = record.optional()
 
 
 class CampaignAlone(record.Part):
@@ -165,8 +167,11 @@ class CampaignAlone(record.Part):
     chi_square: float  # of its shared parameters against those of the others
     dof: float  # directions of shared parameters that both determine
     p_value: float  # probability of that where nothing differs
-    contradicts: bool  # whether the arm was changed against the others
+    contradicts: bool  # whether chance does not explain that it differs from the others
     worst: Difference  # the parameter that explains most of the difference
+    # what errors of its instrument explain, each alone; of an instrument without own axes of
+    # motion, and one that is known to stand somewhere, also the range constant
+    instrument: tuple[Difference, ...] = ()
 
 
 class SharedParameter(record.Part):

@@ -262,6 +262,11 @@ class _FittedCase:
             nominal_mm=trusted_rms_mm(self.of_nominal),
             arm=case.arm,
             turned_rad=_turned_rad(model, used),
+            noisy_campaign=accuracy.noisy_campaign(
+                self.grid.take(trusted),
+                self.deviations.distance_mm[trusted],
+                full.problem.stated_covariance[~self.flagged[self.rows]],
+            ),
         )
 
 

@@ -2,12 +2,13 @@
 
 Everything is linear about the fit of the group: the rows of one campaign, with its own frames free,
 give the parameters that it would give alone. Directions that a campaign does not determine stay
-where the group has them, within the reach of the unknowns, and do not count.
+where the group has them, within the reach of the unknowns, and do not count. A contradiction may
+also come of one campaign's instrument: what each cause explains alone is compared.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -16,6 +17,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from pa10cal.arrays import Array, Index
+from pa10cal.calibration.accuracy import targets_seen
 from pa10cal.calibration.general.fit import GeneralSolution, reach_of
 from pa10cal.calibration.rules import GROUPS, UNKNOWNS
 from pa10cal.fit.problem import Problem
@@ -26,7 +28,9 @@ from pa10cal.terms.of_campaign import OF
 from pa10cal.terms.term import TermParameter
 
 #: Unit in which a parameter is shown, and the factor to it (unit).
-_SHOWN_UNITS = {"m": ("mm", 1e3), "rad": ("mrad", 1e3)}
+_SHOWN_UNITS = {"m": ("mm", 1e3), "rad": ("mrad", 1e3), "1": ("ppm", 1e6)}
+#: Names of errors that a campaign's instrument may have alone; kinds of findings, too.
+SCALE, RANGE_CONSTANT = "instrument_scale", "range_constant"
 
 
 class _Estimate(NamedTuple):
@@ -112,29 +116,82 @@ class _Group:
         """Return the derivative (P, b, f) of the residual by a step in reaches."""
         return self.problem.rows(self.fit.x).jacobian[:, :, self.free] * self.reach
 
+    def white(self, name: str, columns: Array) -> Array:
+        """Return columns (p, b, k) of the p poses of a campaign as whitened rows, (p b, k)."""
+        poses = self.poses[name]
+        root = np.sqrt(self.fit.weights[poses])[:, None, None] * self.fit.whitener[poses]
+        return np.asarray((root @ columns).reshape(-1, columns.shape[2]))
+
     @cached_property
     def rows(self) -> dict[str, Gaussian]:
         """Return the whitened rows of each campaign, by its name."""
-        root = np.sqrt(self.fit.weights)[:, None, None] * self.fit.whitener
-        rows = {}
-        for name, poses in self.poses.items():
-            white = (root[poses] @ self.by_step[poses]).reshape(-1, len(self.free))
-            residual = np.einsum("pij,pj->pi", root[poses], self.fit.residual[poses]).ravel()
-            rows[name] = Gaussian.of(white, -residual)
-        return rows
+        return {
+            name: Gaussian.of(
+                self.white(name, self.by_step[poses]),
+                -self.white(name, self.fit.residual[poses][:, :, None])[:, 0],
+            )
+            for name, poses in self.poses.items()
+        }
 
     def estimate(self, names: Iterable[str]) -> _Estimate:
         """Return what some campaigns say."""
         none = Gaussian.none(len(self.free))
         return _Estimate.of(sum((self.rows[name] for name in names), none))
 
-    def rms_mm(self, name: str, step: Array) -> float:
-        """Return the rms position error of a campaign after a step (f,) of the unknowns."""
-        poses = self.poses[name]
-        columns = self.problem.observations.measured.position_columns
-        residual_m = (self.fit.residual[poses] + self.by_step[poses] @ step)[:, columns]
-        squares = np.sum(residual_m**2, axis=1)
+    def rms_mm(self, poses: Index, residual: Array) -> float:
+        """Return the rms position error of p poses by their residual (p, b)."""
+        measured = self.problem.observations.measured
+        squares = np.sum(residual[:, measured.position_columns] ** 2, axis=1)
+        squares = squares / targets_seen(measured)[poses]
         return 1e3 * float(np.sqrt(np.average(squares, weights=self.fit.weights[poses])))
+
+    def explained_by(self, name: str, unit: str, what: str, by: Array) -> records.Difference:
+        """Return what one more unknown, of a campaign alone, would be and explain.
+
+        Args:
+            name: of the campaign.
+            unit: of the unknown.
+            what: name of the unknown.
+            by: (p, b) derivative of the residual of its poses by the unknown.
+        """
+        poses, every = self.poses[name], sum(self.rows.values(), Gaussian.none(len(self.free)))
+        white = self.white(name, by[:, :, None])
+        residual = self.white(name, self.fit.residual[poses][:, :, None])[:, 0]
+        across = self.white(name, self.by_step[poses]).T @ white
+        alone = every.of_further(across, white.T @ white, -white.T @ residual)
+        information = float(alone.gram[0, 0])
+        value = float(alone.projection[0]) / information
+        step = every.mean - every.covariance @ across[:, 0] * value
+        left = self.fit.residual + self.by_step @ step
+        left[poses] += by * value
+        return records.Difference(
+            name=what,
+            unit=unit,
+            value=value,
+            std=information**-0.5,
+            chi_square=value**2 * information,
+            left_mm=self.rms_mm(np.arange(len(left)), left),
+        )
+
+    def errors_of_instrument(self, name: str) -> Iterator[records.Difference]:
+        """Yield what an error of a campaign's instrument explains: its scale, its range constant.
+
+        The range constant is that of beams which start at the instrument, see `RangeConstant`.
+        """
+        measured = self.problem.observations.measured
+        part, at = dict(measured.campaigns)[name], measured.parts_seen[[*self.poses].index(name)]
+        columns = at[1].start + part.position_columns
+        beams_m = part.places_m  # from where beams start to the targets, or their lengths
+        if part.directional:
+            beams_m = beams_m - measured.p_first_instr_of.get(name, np.zeros(3))
+        by = np.zeros((len(beams_m), self.fit.residual.shape[1]))
+        by[:, columns] = np.nan_to_num(beams_m).reshape(len(by), -1)
+        yield self.explained_by(name, "1", SCALE, by)
+        if part.three_axes or (part.directional and name not in measured.p_first_instr_of):
+            return
+        along = beams_m / np.linalg.norm(beams_m, axis=2, keepdims=True)
+        by[:, columns] = np.nan_to_num(along).reshape(len(by), -1)
+        yield self.explained_by(name, "m", RANGE_CONSTANT, by)
 
 
 def per_campaign_fits(problem: Problem, fit: GeneralSolution) -> records.GroupOfCampaigns | None:
@@ -169,13 +226,17 @@ def _campaign_alone(group: _Group, name: str, own: _Estimate) -> records.Campaig
     """Return how a campaign differs from all others, by its own estimate."""
     others = group.estimate(other for other in group.poses if other != name)
     differs = _Difference.between(own, others, group.shared, group.reach[group.shared])
-    together_mm = group.rms_mm(name, np.zeros(len(group.free)))
-    alone_mm = group.rms_mm(name, own.step)
-    p_value = float(chdtrc(differs.dof, differs.chi_square)) if differs.dof > 0.0 else 1.0
+    poses = group.poses[name]
+    residual = group.fit.residual[poses]
+    together_mm = group.rms_mm(poses, residual)
+    alone_mm = group.rms_mm(poses, residual + group.by_step[poses] @ own.step)
+    p_value = _by_chance(differs.chi_square, differs.dof)
     gain = 1.0 - (alone_mm / together_mm) ** 2 if together_mm > 0.0 else 0.0
     worst = group.parameters[differs.worst]
+    column = group.shared[differs.worst]
+    by_worst = group.by_step[poses][:, :, column] / group.reach[column]
     return records.CampaignAlone(
-        poses=len(group.poses[name]),
+        poses=len(poses),
         rms_mm=together_mm,
         alone_rms_mm=alone_mm,
         chi_square=differs.chi_square,
@@ -188,37 +249,109 @@ def _campaign_alone(group: _Group, name: str, own: _Estimate) -> records.Campaig
             value=differs.value,
             std=differs.std,
             chi_square=differs.by_one,
+            left_mm=group.explained_by(name, worst.unit, worst.name, by_worst).left_mm,
         ),
+        instrument=tuple(group.errors_of_instrument(name)),
     )
+
+
+def _by_chance(chi_square: float, dof: float) -> float:
+    """Return the probability of so large a chi-square where nothing differs."""
+    return float(chdtrc(dof, chi_square)) if dof > 0.0 else 1.0
+
+
+class _Cause(NamedTuple):
+    """What may make a campaign differ from the others: a change of the arm, or its instrument."""
+
+    campaign: str
+    differs: records.Difference  # by how much it differs, and what that explains
+
+    @property
+    def of_instrument(self) -> bool:
+        return self.differs.name in (SCALE, RANGE_CONSTANT)
+
+    @property
+    def words(self) -> str:
+        """Return it as a clause with its size and what it explains of the campaign's error."""
+        unit, scale = _SHOWN_UNITS.get(self.differs.unit, (self.differs.unit, 1.0))
+        size = f"{scale * abs(self.differs.value):.3g} ± {scale * self.differs.std:.2g} {unit}"
+        clause = f"the arm was changed between them, {self.differs.name} by {size}"
+        long = "long" if self.differs.value > 0.0 else "short"
+        if self.differs.name == SCALE:
+            clause = f"{self.campaign} reads all lengths {size} too {long} against the others"
+        elif self.differs.name == RANGE_CONSTANT:
+            clause = f"{self.campaign} reads all distances from the instrument {size} too {long}"
+        explains = f"explains {self.differs.chi_square:.0f} of it"
+        if self.differs.left_mm is not None:
+            explains += f", leaves {self.differs.left_mm:.3g} mm rms"
+        return f"{clause} ({explains})"
+
+    @property
+    def remedy(self) -> str:
+        """Return what to do if it is that."""
+        value, name = self.differs.value, self.campaign
+        if self.differs.name == SCALE:
+            return (
+                "measure one known length with either instrument, to know which scale is wrong; "
+                f"the positions of {name} divided by {1.0 + value:.6f} agree with the others "
+                "(calibrated apart, one model would have all its lengths wrong by that)"
+            )
+        if self.differs.name == RANGE_CONSTANT:
+            correct = "shorten" if value > 0.0 else "lengthen"
+            return (
+                f"check the constant of the reflector and the zero of the distance in {name}: "
+                f"{correct} its distances by {1e3 * abs(value):.3g} mm, or leave {name} out"
+            )
+        return "calibrate the campaigns before and after the change apart, and compare them"
 
 
 def contradictions(
     group: records.GroupOfCampaigns, zeros: Collection[str]
 ) -> tuple[InputFinding, ...]:
-    """Return which campaign contradicts the others, in which parameter and by how much.
+    """Return which campaign contradicts the others, by which cause and by how much.
 
     Only the campaign with the largest chi-square is reported: if the arm was changed before one
-    campaign, each of the others contradicts the rest too, as that campaign is among it.
+    campaign, each of the others contradicts the rest too, as that campaign is among it. Causes that
+    explain about as much are told together, the likeliest first.
 
     Args:
         zeros: names of the parameters that are zeros of joints.
     """
-    found = {name: each for name, each in group.campaigns.items() if each.contradicts}
+    campaigns = group.campaigns
+    found = {name: each for name, each in campaigns.items() if each.contradicts}
     if not found:
         return ()
     first = max(found, key=lambda name: found[name].chi_square)
-    alone, worst = found[first], found[first].worst
-    unit, scale = _SHOWN_UNITS.get(worst.unit, (worst.unit, 1.0))
-    others = " and ".join(name for name in group.campaigns if name != first)
+    alone = found[first]
+    sizes = [own.poses for own in campaigns.values()]
+    rms_mm = float(np.sqrt(np.average([e.rms_mm**2 for e in campaigns.values()], weights=sizes)))
+    others = " and ".join(name for name in campaigns if name != first)
+    arm = _Cause(first, alone.worst)
+    of_instruments = [
+        _Cause(name, each) for name, own in campaigns.items() for each in own.instrument
+    ]
+    causes = sorted((arm, *of_instruments), key=lambda cause: -cause.differs.chi_square)
+    best = causes[0]
+    least = best.differs.chi_square - 2.0 * GROUPS.as_well_nats
+    likely = [cause for cause in causes if cause.differs.chi_square >= least]
+    # Scales are those of campaigns against the others: that of one says what the others' say.
+    scales = [cause for cause in likely if cause.differs.name == SCALE]
+    likely = [cause for cause in likely if cause not in scales[1:]]
+    what = " or ".join(cause.words for cause in likely)
+    if arm not in likely:
+        what += f"; less likely {arm.words}"
+    left = max(alone.chi_square - best.differs.chi_square, 0.0)
+    if _by_chance(left, alone.dof - 1.0) < GROUPS.chance_rate:
+        what += "; more than that differs"
+    kind = "joint_zero" if arm.differs.name in zeros else "campaigns"
     return (
         InputFinding(
-            what=f"{first} and {others} contradict each other: it differs by "
-            f"{scale * abs(worst.value):.3g} {unit} with a standard uncertainty of "
-            f"{scale * worst.std:.2g} {unit} (chi-square {alone.chi_square:.0f} for "
-            f"{alone.dof:.0f} degrees of freedom, {worst.chi_square:.0f} of it by this "
-            "parameter alone): the arm was changed between them",
-            where=worst.name,
-            remedy="calibrate the campaigns before and after the change apart, and compare them",
-            kind="joint_zero" if worst.name in zeros else "campaigns",
+            what=f"{first} and {others} contradict each other (chi-square {alone.chi_square:.0f} "
+            f"for {alone.dof:.0f} degrees of freedom, {rms_mm:.3g} mm rms): {what}",
+            where=f"{best.campaign}: the measured positions"
+            if best.of_instrument
+            else arm.differs.name,
+            remedy="; or ".join(dict.fromkeys(cause.remedy for cause in likely)),
+            kind=best.differs.name if best.of_instrument else kind,
         ),
     )
