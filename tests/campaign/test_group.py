@@ -12,10 +12,11 @@ import pa10cal
 from made_up_sightings import sighted
 from pa10cal.calibration.general.refit_frames import refit_frames
 from pa10cal.calibration.options import CalibrationOptions
-from pa10cal.campaign.description import read_description
-from pa10cal.campaign.table import read_observations
+from pa10cal.campaign.description import describe_group, read_description
+from pa10cal.campaign.table import read_observations, write_pose_table
 from pa10cal.commands.command_line import main
 from pa10cal.errors import CalibrationError, Pa10calError, RawDataError, SettingsError
+from pa10cal.files.arms import load_arm
 from pa10cal.settings import parse_settings
 
 MIXED = ("pose", "points", "distance")
@@ -65,6 +66,23 @@ def test_each_campaign_is_checked_alone(folders):
     assert [own.measured.kind for own in each.values()] == list(MIXED)
     assert all(own.states.campaign is None for own in each.values())
     assert np.all(np.diff(group.observations.states.time_s) > 0.0)
+
+
+def test_where_each_instrument_stands_is_kept_in_the_table(folders, tmp_path):
+    every = pa10cal.read_group(folders, "ur10").observations
+    stand_m = every.measured.p_first_instr_of
+    assert list(stand_m) == [f"of-{kind}" for kind in MIXED]
+    # The frame is that of the first.
+    np.testing.assert_allclose(stand_m["of-pose"], 0.0, atol=1e-12)
+    # In the frame of its own instrument a campaign is as it was read.
+    own = pa10cal.read_campaign(folders[1]).observations.measured.places_m
+    there = every.by_campaign()["of-points"].measured.places_m
+    length_m = np.linalg.norm(there - stand_m["of-points"], axis=2)
+    np.testing.assert_allclose(np.sort(length_m), np.sort(np.linalg.norm(own, axis=2)), atol=1e-9)
+    write_pose_table(tmp_path / "poses.parquet", every, np.zeros(6, dtype=bool), "ur10")
+    described = describe_group("ur10", [(read_description(f), load_arm("ur10")) for f in folders])
+    back = read_observations(tmp_path / "poses.parquet", described).measured.p_first_instr_of
+    np.testing.assert_equal(dict(back), dict(stand_m))
 
 
 def joined(folders, out, name="ur10"):

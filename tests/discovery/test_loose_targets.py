@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from drawn_examples import examples
 from pa10cal.arm.statics import PoseStates
 from pa10cal.discovery.loose_targets import loose_targets
+from pa10cal.observe.joined import concatenated
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.points import Points
 
@@ -43,6 +44,29 @@ def test_the_target_that_moves_is_told(targets, loose):
     assert found.of == f"target T{loose + 1}"
     assert found.shared_error_mm == pytest.approx(0.2 / np.sqrt(3.0), rel=0.4)
     assert "fasten it" in found.why
+
+
+def test_of_a_group_the_target_is_told_with_its_campaign():
+    parts = [measured(1), measured(2, loose=1, moves_mm=0.2)]
+    (found,) = loose_targets(concatenated(parts, ("first", "second")))
+    (alone,) = loose_targets(parts[1])
+    assert found == alone.model_copy(update={"of": "target T2 of second"})
+
+
+def test_a_target_that_was_knocked_once_is_told_with_the_poses_between_which_it_was():
+    every = measured(1)
+    p_m = every.measured.p_instr_m.copy()
+    # Away from the middle of the others, as the tool sees it.
+    away = p_m[70:, 2] - p_m[70:, :2].mean(axis=1)
+    p_m[70:, 2] += 4e-4 * away / np.linalg.norm(away, axis=1)[:, None]
+    knocked = replace(every, measured=replace(every.measured, p_instr_m=p_m))
+    in_time = replace(every.states, time_s=np.arange(float(POSES)))
+    (found,) = loose_targets(replace(knocked, states=in_time))
+    assert found.of == "target T3"
+    assert "by one step between poses P69 and P70: it was knocked" in found.why
+    mixed = np.random.default_rng(0).permutation(POSES)
+    (found,) = loose_targets(replace(knocked, states=replace(in_time, time_s=mixed.astype(float))))
+    assert "it is loose" in found.why
 
 
 @examples(40)

@@ -202,6 +202,9 @@ class Groups:
     matters_share: float = 0.1
     # causes of that whose log likelihoods differ by less are told together [nat] (level)
     as_well_nats: float = 3.0
+    mostly_share: float = 0.5  # a cause is told as such from this part of the chi-square on (told)
+    most_scale: float = 0.01  # largest error of an instrument's scale (size)
+    most_range_m: float = 0.02  # and of its distances, as by another reflector [m] (size)
     # variance of a parameter that its fit left at the end of its range, in squares of its
     # scale (size)
     bound_squares: float = 30.0

@@ -149,7 +149,7 @@ class Health(record.Part):
 class Difference(record.Part):
     """One cause that, if it alone differed between campaigns, explains so much."""
 
-    name: str  # the parameter of the robot; `scale` or `range_constant` of an instrument
+    name: str  # the parameter; `instrument_scale`, `range_constant`
     unit: str  # its unit
     value: float  # this campaign less the others
     std: float  # standard uncertainty of that
@@ -169,8 +169,8 @@ class CampaignAlone(record.Part):
     p_value: float  # probability of that where nothing differs
     contradicts: bool  # whether chance does not explain that it differs from the others
     worst: Difference  # the parameter that explains most of the difference
-    # what errors of its instrument explain, each alone; of an instrument without own axes of
-    # motion, and one that is known to stand somewhere, also the range constant
+    # what the scale of its instrument explains alone, and what its range constant does where the
+    # instrument has one, and where it stands is known
     instrument: tuple[Difference, ...] = ()
 
 

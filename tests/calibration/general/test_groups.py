@@ -10,10 +10,12 @@ from scipy.spatial.transform import Rotation
 
 from calibrated import general
 from pa10cal.arm.statics import Payload
+from pa10cal.calibration.accuracy import noisy_campaign
 from pa10cal.calibration.general.calibrate import find_start, start_of
 from pa10cal.calibration.general.case import fitted
 from pa10cal.calibration.general.per_campaign import contradictions, per_campaign_fits
 from pa10cal.calibration.general.unknowns import choose_unknowns
+from pa10cal.discovery.log_faults import faults_of_input
 from pa10cal.errors import ModelError
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import load_model, save_model
@@ -151,8 +153,75 @@ def test_a_robot_that_was_changed_contradicts_itself(members, kinds, moved_rad):
     (told,) = contradictions(found, {"delta_theta_3"})
     assert (told.where, told.kind) == ("delta_theta_3", "joint_zero")
     assert "contradict each other" in told.what
+    assert "the arm was changed between them, delta_theta_3 by" in told.what
     worst = found.campaigns["of-0"].worst
     assert abs(abs(worst.value) - moved_rad) < 3.0 * worst.std
+
+
+def _beams(every):
+    """Return positions as an instrument at some distance reads them, and that distance."""
+    T = np.eye(4)
+    T[:3, 3] = (3.1, -0.7, 0.4)
+    return every.measured.in_frame(T).p_instr_m
+
+
+def _longer_by_scale(p_m):
+    return 1.0003 * p_m
+
+
+def _longer_by_constant(p_m):
+    return p_m * (1.0 + 6e-4 / np.linalg.norm(p_m, axis=2, keepdims=True))
+
+
+@pytest.mark.parametrize(
+    ("longer", "kind", "value"),
+    [
+        (_longer_by_scale, "instrument_scale", 3e-4),
+        (_longer_by_constant, "range_constant", 6e-4),
+    ],
+)
+def test_an_instrument_that_reads_longer_in_one_campaign_is_no_change_of_the_arm(
+    see, longer, kind, value
+):
+    both = []
+    for k, count in enumerate((70, 61)):
+        every = see("ur10", "points", count, seed=1, noise_m=NOISE_M, size=0.3)
+        p_m = longer(_beams(every)) if k else _beams(every)
+        every = replace(every, measured=replace(every.measured, p_instr_m=p_m))
+        both.append(GroupCampaign(f"of-{k}", every, find_start(ARM, every)))
+    found = together(both)
+    group = per_campaign_fits(found.problem, found.fit)
+    (told,) = contradictions(group, ())
+    assert (told.where, told.kind) == ("of-1: the measured positions", kind)
+    assert told.what.index("of-1 reads") < told.what.index("less likely the arm was changed")
+    own = {each.name: each for each in group.campaigns["of-1"].instrument}[kind]
+    assert abs(own.value - value) < 4.0 * own.std < value
+    # Three targets of which each coordinate has the noise of the readings.
+    assert own.left_mm == pytest.approx(1e3 * np.sqrt(3.0) * NOISE_M, rel=0.2)
+    (fault,) = faults_of_input([told])
+    assert (fault.kind, fault.remedy) == ("step_in_time", told.remedy)
+
+
+def test_the_campaign_that_alone_is_noisier_than_stated_is_named(members):
+    every = join(members(("pose", "points"), NOISE_M))
+    error_mm = (
+        1e3
+        * NOISE_M
+        * np.linalg.norm(np.random.default_rng(0).normal(size=(len(every), 3)), axis=1)
+    )
+    second = every.states.campaign == 1
+
+    def noisy(times):
+        return noisy_campaign(every, times * error_mm, every.measured.stated_covariance)
+
+    assert noisy(1.0) is None
+    assert noisy(2.0) is None  # both are: the model lacks something, or both are stated so
+    found = noisy(np.where(second, 2.0, 1.0))
+    assert found.name == "of-1"
+    assert found.error_mm == pytest.approx(2.0 * found.noise_mm, rel=0.2)
+    assert str(found).startswith("of-1 alone is noisier than stated: 0.0")
+    alone = every.by_campaign()["of-1"]
+    assert noisy_campaign(alone, 2.0 * error_mm[second], alone.measured.stated_covariance) is None
 
 
 def test_what_one_campaign_leaves_open_another_determines(see, members):

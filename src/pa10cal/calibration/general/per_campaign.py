@@ -31,6 +31,8 @@ from pa10cal.terms.term import TermParameter
 _SHOWN_UNITS = {"m": ("mm", 1e3), "rad": ("mrad", 1e3), "1": ("ppm", 1e6)}
 #: Names of errors that a campaign's instrument may have alone; kinds of findings, too.
 SCALE, RANGE_CONSTANT = "instrument_scale", "range_constant"
+#: Larger errors of an instrument would not go unnoticed: they stand for something else.
+_MOST = {SCALE: GROUPS.most_scale, RANGE_CONSTANT: GROUPS.most_range_m}
 
 
 class _Estimate(NamedTuple):
@@ -267,20 +269,18 @@ class _Cause(NamedTuple):
     differs: records.Difference  # by how much it differs, and what that explains
 
     @property
-    def of_instrument(self) -> bool:
-        return self.differs.name in (SCALE, RANGE_CONSTANT)
-
-    @property
     def words(self) -> str:
-        """Return it as a clause with its size and what it explains of the campaign's error."""
+        """Return it as a clause with its size and what it explains."""
+        name, value = self.differs.name, self.differs.value
         unit, scale = _SHOWN_UNITS.get(self.differs.unit, (self.differs.unit, 1.0))
-        size = f"{scale * abs(self.differs.value):.3g} ± {scale * self.differs.std:.2g} {unit}"
-        clause = f"the arm was changed between them, {self.differs.name} by {size}"
-        long = "long" if self.differs.value > 0.0 else "short"
-        if self.differs.name == SCALE:
+        size = f"{scale * abs(value):.3g} ± {scale * self.differs.std:.2g} {unit}"
+        long = "long" if value > 0.0 else "short"
+        if name == SCALE:
             clause = f"{self.campaign} reads all lengths {size} too {long} against the others"
-        elif self.differs.name == RANGE_CONSTANT:
+        elif name == RANGE_CONSTANT:
             clause = f"{self.campaign} reads all distances from the instrument {size} too {long}"
+        else:
+            clause = f"the arm was changed between them, {name} by {size}"
         explains = f"explains {self.differs.chi_square:.0f} of it"
         if self.differs.left_mm is not None:
             explains += f", leaves {self.differs.left_mm:.3g} mm rms"
@@ -289,7 +289,7 @@ class _Cause(NamedTuple):
     @property
     def remedy(self) -> str:
         """Return what to do if it is that."""
-        value, name = self.differs.value, self.campaign
+        name, value = self.campaign, self.differs.value
         if self.differs.name == SCALE:
             return (
                 "measure one known length with either instrument, to know which scale is wrong; "
@@ -322,36 +322,50 @@ def contradictions(
     if not found:
         return ()
     first = max(found, key=lambda name: found[name].chi_square)
-    alone = found[first]
-    sizes = [own.poses for own in campaigns.values()]
-    rms_mm = float(np.sqrt(np.average([e.rms_mm**2 for e in campaigns.values()], weights=sizes)))
-    others = " and ".join(name for name in campaigns if name != first)
-    arm = _Cause(first, alone.worst)
-    of_instruments = [
-        _Cause(name, each) for name, own in campaigns.items() for each in own.instrument
-    ]
-    causes = sorted((arm, *of_instruments), key=lambda cause: -cause.differs.chi_square)
-    best = causes[0]
-    least = best.differs.chi_square - 2.0 * GROUPS.as_well_nats
-    likely = [cause for cause in causes if cause.differs.chi_square >= least]
-    # Scales are those of campaigns against the others: that of one says what the others' say.
-    scales = [cause for cause in likely if cause.differs.name == SCALE]
-    likely = [cause for cause in likely if cause not in scales[1:]]
+    alone, arm = found[first], _Cause(first, found[first].worst)
+    likely = _likely_causes(group, first)
+    best = likely[0].differs
     what = " or ".join(cause.words for cause in likely)
     if arm not in likely:
         what += f"; less likely {arm.words}"
-    left = max(alone.chi_square - best.differs.chi_square, 0.0)
+    left = max(alone.chi_square - best.chi_square, 0.0)
     if _by_chance(left, alone.dof - 1.0) < GROUPS.chance_rate:
         what += "; more than that differs"
-    kind = "joint_zero" if arm.differs.name in zeros else "campaigns"
+    remedy = "; or ".join(dict.fromkeys(cause.remedy for cause in likely))
+    where, kind = arm.differs.name, "joint_zero" if arm.differs.name in zeros else "campaigns"
+    if best.chi_square < GROUPS.mostly_share * alone.chi_square:
+        what = f"no single cause explains most of it; nearest is that {arm.words}"
+        remedy = (
+            "calibrate the campaigns apart, and compare them: several parameters were changed, or "
+            "the model lacks an effect of what differs between them, such as loads and poses"
+        )
+    elif best.name in _MOST:
+        where, kind = f"{likely[0].campaign}: the measured positions", best.name
+    others = " and ".join(name for name in campaigns if name != first)
+    squares = [own.rms_mm**2 for own in campaigns.values()]
+    rms_mm = np.sqrt(np.average(squares, weights=[own.poses for own in campaigns.values()]))
     return (
         InputFinding(
             what=f"{first} and {others} contradict each other (chi-square {alone.chi_square:.0f} "
             f"for {alone.dof:.0f} degrees of freedom, {rms_mm:.3g} mm rms): {what}",
-            where=f"{best.campaign}: the measured positions"
-            if best.of_instrument
-            else arm.differs.name,
-            remedy="; or ".join(dict.fromkeys(cause.remedy for cause in likely)),
-            kind=best.differs.name if best.of_instrument else kind,
+            where=where,
+            remedy=remedy,
+            kind=kind,
         ),
     )
+
+
+def _likely_causes(group: records.GroupOfCampaigns, first: str) -> list[_Cause]:
+    """Return what explains that a campaign differs, the likeliest first, with what does as well."""
+    # Of two campaigns each differs from the other by the same: the cause may be in either.
+    names = tuple(group.campaigns) if len(group.campaigns) == 2 else (first,)
+    causes = [_Cause(first, group.campaigns[first].worst)]
+    for name in names:
+        own = group.campaigns[name].instrument
+        causes += [_Cause(name, each) for each in own if abs(each.value) < _MOST[each.name]]
+    causes.sort(key=lambda cause: -cause.differs.chi_square)
+    least = causes[0].differs.chi_square - 2.0 * GROUPS.as_well_nats
+    likely = [cause for cause in causes if cause.differs.chi_square >= least]
+    # The scale of one of two is against that of the other: both say the same.
+    scales = [cause for cause in likely if cause.differs.name == SCALE]
+    return [cause for cause in likely if cause not in scales[1:]]
