@@ -52,7 +52,7 @@ _OF_INPUT: dict[str, FaultKind] = {
     "target_label": "label",
     "campaigns": "step_in_time",
     "instrument_scale": "step_in_time",
-    "range_constant": "step_in_time",
+    "instrument_range": "step_in_time",
 }
 
 

@@ -149,7 +149,7 @@ class Health(record.Part):
 class Difference(record.Part):
     """One cause that, if it alone differed between campaigns, explains so much."""
 
-    name: str  # the parameter; `instrument_scale`, `range_constant`
+    name: str  # the parameter; `instrument_scale`, `instrument_range`
     unit: str  # its unit
     value: float  # this campaign less the others
     std: float  # standard uncertainty of that

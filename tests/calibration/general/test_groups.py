@@ -177,7 +177,7 @@ def _longer_by_constant(p_m):
     ("longer", "kind", "value"),
     [
         (_longer_by_scale, "instrument_scale", 3e-4),
-        (_longer_by_constant, "range_constant", 6e-4),
+        (_longer_by_constant, "instrument_range", 6e-4),
     ],
 )
 def test_an_instrument_that_reads_longer_in_one_campaign_is_no_change_of_the_arm(

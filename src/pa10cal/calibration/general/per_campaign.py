@@ -30,7 +30,7 @@ from pa10cal.terms.term import TermParameter
 #: Unit in which a parameter is shown, and the factor to it (unit).
 _SHOWN_UNITS = {"m": ("mm", 1e3), "rad": ("mrad", 1e3), "1": ("ppm", 1e6)}
 #: Names of errors that a campaign's instrument may have alone; kinds of findings, too.
-SCALE, RANGE_CONSTANT = "instrument_scale", "range_constant"
+SCALE, RANGE_CONSTANT = "instrument_scale", "instrument_range"
 #: Larger errors of an instrument would not go unnoticed: they stand for something else.
 _MOST = {SCALE: GROUPS.most_scale, RANGE_CONSTANT: GROUPS.most_range_m}
 
