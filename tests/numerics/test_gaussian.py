@@ -74,7 +74,7 @@ def test_mean_and_covariance_are_those_of_rows_beside_the_prior(seed):
     beside = np.vstack([columns, np.eye(5)])
     wanted, squares, *_ = np.linalg.lstsq(beside, np.append(data, np.zeros(5)), rcond=None)
     close(found.mean, wanted, 1e-5)
-    close(found.left, squares[0])
+    close(found.residual_squares, squares[0])
     triangle = np.linalg.qr(beside, mode="r")
     close(found.covariance, np.linalg.inv(triangle.T @ triangle), 1e-5)
     asked = np.random.default_rng(seed).normal(size=(4, 2, 5))
@@ -114,7 +114,7 @@ def test_rows_that_count_more_often_and_squares_at_some_amounts(seed, weight):
     close(found.times(weight).products, heavier.products, 1e-12)
     x = np.random.default_rng(seed).normal(size=5) / np.abs(columns).max(axis=0)
     close(found.squares_at(x), np.sum((data - columns @ x) ** 2), 1e-10)
-    close(found.squares_at(found.mean) + found.mean @ found.mean, found.left, 1e-5)
+    close(found.squares_at(found.mean) + found.mean @ found.mean, found.residual_squares, 1e-5)
 
 
 def test_without_unknowns_is_the_data_alone():
@@ -123,7 +123,7 @@ def test_without_unknowns_is_the_data_alone():
     alone = whole.without(np.arange(5))
     assert alone.unknowns == 0
     assert alone.covariance.shape == (0, 0)
-    assert alone.left == pytest.approx(whole.left)
+    assert alone.residual_squares == pytest.approx(whole.residual_squares)
     assert alone.log_evidence == pytest.approx(whole.log_evidence)
     assert whole.without(np.zeros(0, int)) is whole
 
@@ -147,7 +147,7 @@ def test_further_unknowns_with_those_here_integrated_out():
     found = Gaussian.of(here, data).of_further(here.T @ more, more.T @ more, more.T @ data)
     whole = Gaussian.of(columns, data)
     close(found.products, whole.without(np.arange(3)).products, 1e-12)
-    assert found.left == pytest.approx(whole.left, rel=1e-12)
+    assert found.residual_squares == pytest.approx(whole.residual_squares, rel=1e-12)
     assert found.log_evidence == pytest.approx(whole.log_evidence, rel=1e-12)
     precision = np.linalg.slogdet(found.gram + np.eye(found.unknowns))[1]
     assert found.log_precision == pytest.approx(precision, rel=1e-12)
@@ -190,7 +190,7 @@ def many(seed, count=4, unknowns=5):
 def test_many_at_once_are_each_alone(seed):
     alone, found = many(seed)
     close(found.mean, np.stack([one.mean for one in alone]), 1e-5)
-    close(found.left, np.array([one.left for one in alone]), 1e-5)
+    close(found.residual_squares, np.array([one.residual_squares for one in alone]), 1e-5)
     close(found.log_precision, np.array([one.log_precision for one in alone]))
     close(found.log_evidence, np.array([one.log_evidence for one in alone]))
     close(found[1:3].log_evidence, np.array([one.log_evidence for one in alone[1:3]]))
@@ -279,6 +279,6 @@ def test_gains_are_of_evidence_at_the_scatter_that_makes_rows_likeliest(seed, sc
 def test_products_that_rounding_left_below_nothing_count_as_nothing():
     gram = np.array([[[1e18, 1e18], [1e18, 1e18 * (1.0 - 1e-15)]], np.eye(2)])
     found = Gaussians(gram, np.ones((2, 2)), np.zeros(2), np.zeros(2))
-    assert np.all(found.left < 0.0)
+    assert np.all(found.residual_squares < 0.0)
     assert np.all(np.isfinite(found.log_precision))
-    assert found.left[1] == pytest.approx(-1.0)
+    assert found.residual_squares[1] == pytest.approx(-1.0)

@@ -243,7 +243,7 @@ class _LinearProblem:
     @cached_property
     def squares(self) -> float:
         """Return the weighted sum of squares at that step, priors included."""
-        return self.posterior.left
+        return self.posterior.residual_squares
 
     @cached_property
     def fitted_mm(self) -> Array:

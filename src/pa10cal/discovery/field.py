@@ -214,7 +214,7 @@ class _HeldOutGroups:
         )
         columns = _columns(field, added.rows, self.poses.states)
         count = int(np.count_nonzero(added.rows.data))
-        return _of_likeliest_size(field, Gaussian.of(columns, added.rows.left), count)
+        return _of_likeliest_size(field, Gaussian.of(columns, added.rows.residual), count)
 
     def squares(self, added: AddedTerms, group: Index) -> HeldOutSquares:
         """Return the errors of poses, each group (P,) predicted from all others.
@@ -288,7 +288,7 @@ def _displacement_m(model: Fitted, extended: Fitted, states: PoseStates) -> Arra
 
 def _columns(field: Field, rows: RowsAboutFit, states: PoseStates) -> Array:
     """Return whitened columns (P, b, f) of the amounts of a field."""
-    at = len(rows.own) + np.arange(len(field.coordinates))
+    at = len(rows.parameter_index) + np.arange(len(field.coordinates))
     by_base = rows.by_unknowns[:, :, at]
     return np.asarray(by_base @ field.derivative(states, np.zeros(0)))
 

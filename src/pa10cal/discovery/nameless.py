@@ -134,7 +134,7 @@ def effects_together(
     found = AddedTerms.fitted(model, terms, poses, scatter, rows.weight)
     # Weights of poses follow from their residuals with the terms.
     again = RowsAboutFit.of(found.model, poses)
-    scatter *= float(np.linalg.norm(again.left) / np.linalg.norm(found.rows.left))
+    scatter *= float(np.linalg.norm(again.residual) / np.linalg.norm(found.rows.residual))
     return AddedTerms.fitted(model, terms, poses, scatter, again.weight)
 
 

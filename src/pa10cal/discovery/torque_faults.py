@@ -149,7 +149,7 @@ class _TorqueRows:
         columns = self._columns(chosen)
         fitted, own = self.both.along(columns), np.isin(columns, self.columns_of[fault])
         without = self._squares([other for other in chosen if other != fault], self.both)
-        gain = (without - fitted.left) / without
+        gain = (without - fitted.residual_squares) / without
         return fitted.mean[own], fitted.covariance[np.ix_(own, own)], gain
 
     def _columns(self, chosen: Sequence[int]) -> Index:
@@ -158,4 +158,4 @@ class _TorqueRows:
 
     def _squares(self, chosen: Sequence[int], rows: Gaussian) -> float:
         """Return the sum of squares that chosen faults leave of some rows."""
-        return rows.along(self._columns(chosen)).left
+        return rows.along(self._columns(chosen)).residual_squares

@@ -210,19 +210,51 @@ def _trust(measured: Instrument, white: Array) -> Array:
     return np.asarray(ratio**-4.0)
 
 
-def _prior_about(expected: GaussianPrior, x: Array, own: Index, sizes: Array) -> Gaussian:
+def _prior_about(expected: GaussianPrior, x: Array, free: Index, sizes: Array) -> Gaussian:
     """Return a prior of parameters as one of their deviations from x (k,), over sizes (u,).
 
-    The first of the u unknowns are the parameters `own`. The prior is one of the first parameters
+    The first of the u unknowns are the parameters `free`. The prior is one of the first parameters
     of x, those of the arm, and says nothing of the others, such as those of the tool.
     """
     count = len(expected.mean)
-    known = np.append(own < count, np.zeros(len(sizes) - len(own), bool))
+    known = np.append(free < count, np.zeros(len(sizes) - len(free), bool))
     at = np.zeros(len(sizes), np.intp)  # of others the size is 0
-    at[known] = own[own < count]
+    at[known] = free[free < count]
     off = expected.precision @ (x[:count] - expected.mean)
     gaussian = Gaussian.of_products(expected.precision[np.ix_(at, at)], off[at])
     return gaussian.in_sizes(np.where(known, sizes, 0.0))
+
+
+def _with_maps_held(model: Fitted) -> tuple[Model, Index]:
+    """Return a model with its maps held and a free base, and the indices of the free parameters."""
+    held, free = [], []
+    for term in model.model.terms:
+        held.append(fixed(term, model.values_of(term)) if term.at_knots else term)
+        if not term.at_knots:
+            free.append(term)
+    at = Model(model.model.chain, (*held, base_frame()))
+    return at, model.model.parameter_indices(*free)
+
+
+def _targets_seen(measured: Instrument) -> Array:
+    """Return by how many targets the position of each pose is the mean, (P,); 1 at least."""
+    seen = measured.components_seen[:, measured.position_columns]
+    return np.asarray(np.maximum(seen.sum(axis=1) / 3.0, 1.0))  # three coordinates a target
+
+
+def _to_mm(measured: Instrument, weight: Array) -> Array:
+    """Return `RowsAboutFit.to_mm` (P, b) for rows of such root weights (P, b)."""
+    places, to_mm = measured.position_columns, np.zeros_like(weight)
+    seen, roots = measured.components_seen[:, places], np.maximum(weight[:, places], _TINY)
+    to_mm[:, places] = np.where(seen, 1e3 / roots, 0.0)
+    return np.asarray(to_mm / np.sqrt(_targets_seen(measured))[:, None])
+
+
+def _noise_mm2(measured: Instrument, variance: Array) -> Array:
+    """Return the mean square (P,) of the position error by variances (P, b) of components [m²]."""
+    places = measured.position_columns
+    seen_m2 = np.where(measured.components_seen[:, places], variance[:, places], 0.0).sum(axis=1)
+    return np.asarray(1e6 * seen_m2 / _targets_seen(measured))
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,11 +266,12 @@ class RowsAboutFit:
     """
 
     data: Array  # (P, b) weighted residuals without the field
-    left: Array  # (P, b) weighted residuals that the field leaves too
+    residual: Array  # (P, b) weighted residuals of the whole model, the field included
     weight: Array  # (P, b) root weights of the components, 0 where nothing was seen
     columns: Array  # (P, b, k) weighted derivative by the unknowns, each over its possible size
     sizes: Array  # (k,) possible size of each unknown
-    own: Index  # (k - 6 - t,) the unknowns' places among the model's parameters
+    # (k - 6 - t,) indices, among the model's parameters, of the first unknowns
+    parameter_index: Index
     of_field: Mask  # (k,) which unknowns are those of a field, fitted to residuals of the others
     to_mm: Array  # (P, b) factor from a weighted component to its part of the position error [mm]
     noise_mm2: Array  # (P,) mean square of the position error by noise
@@ -284,18 +317,11 @@ class RowsAboutFit:
             weight: (P, b) root weights; None for those by the residuals.
             expected: prior of the model's parameters besides the rows; None for none.
         """
-        maps = [term for term in model.model.terms if term.at_knots]
-        terms = [
-            fixed(term, model.values_of(term)) if term in maps else term
-            for term in model.model.terms
-        ]
-        at = Model(model.model.chain, (*terms, base_frame()))
-        free = model.model.parameter_indices(*(t for t in model.model.terms if t not in maps))
-        x = np.concatenate([model.x[free], np.zeros(6)])
+        at, free = _with_maps_held(model)
+        x = np.concatenate([model.x[free], np.zeros(len(BASE))])
         measured, count = poses.measured, len(model.targets_m)
         problem = Problem(at, np.arange(count), model.targets_m, model.T_instr_base, poses)
         rows = problem.rows(problem.start(x))
-        seen = measured.components_seen
         variance = np.diagonal(measured.stated_covariance, axis1=1, axis2=2)
         by_variance = _by_variance(measured, rows.residual, variance)
         white = by_variance * rows.residual
@@ -303,36 +329,23 @@ class RowsAboutFit:
             weight = by_variance * _less_far_off(measured, white)[:, None]
         sizes = possible_sizes(at, measured if count else None)
         of_field = np.append(at.having("field"), np.zeros(len(sizes) - len(at.parameters), bool))
-        without = rows.residual
-        if of_field.any():  # residuals are then with the field, whose prior mean is zero
-            without = without - rows.jacobian[:, :, of_field] @ x[of_field[: len(x)]]
-        data, left = weight * without, weight * rows.residual
-        columns = weight[:, :, None] * rows.jacobian * sizes
-        places = measured.position_columns
-        # Where several targets are seen, three coordinates each, the error is their mean.
-        targets = np.maximum(seen[:, places].sum(axis=1) / 3.0, 1.0)
-        to_mm = np.zeros_like(weight)
-        to_mm[:, places] = (
-            np.where(seen[:, places], 1e3 / np.maximum(weight[:, places], _TINY), 0.0)
-            / np.sqrt(targets)[:, None]
-        )
-        noise = (np.where(seen[:, places], variance[:, places], 0.0).sum(axis=1) / targets) * 1e6
-        single = LACK.components if len(places) == 1 else 1.0
+        # Residuals are with the field, whose prior mean is zero.
+        by_field = rows.jacobian[:, :, of_field] @ x[of_field[: len(x)]]
         before = Gaussian.none(len(sizes))
         if expected is not None:
             before = _prior_about(expected, model.x, free, sizes)
         about = cls(
-            data=data,
-            left=left,
+            data=weight * (rows.residual - by_field),
+            residual=weight * rows.residual,
             weight=weight,
-            columns=columns,
+            columns=weight[:, :, None] * rows.jacobian * sizes,
             sizes=sizes,
-            own=free,
+            parameter_index=free,
             of_field=of_field,
-            to_mm=to_mm,
-            noise_mm2=noise,
+            to_mm=_to_mm(measured, weight),
+            noise_mm2=_noise_mm2(measured, variance),
             of_parameters=1.0,
-            components_factor=single,
+            components_factor=LACK.components if len(measured.position_columns) == 1 else 1.0,
             trust=_trust(measured, white),
             before=before,
         )
@@ -340,10 +353,14 @@ class RowsAboutFit:
             return about
         with_base = np.append(free, len(model.x) + np.arange(len(BASE)))
         covariance = model.covariance[np.ix_(with_base, with_base)]
-        moved_mm = to_mm[:, :, None] * weight[:, :, None] * rows.jacobian[:, :, : len(with_base)]
+        return replace(about, of_parameters=about._share_of_variance(covariance))
+
+    def _share_of_variance(self, covariance: Array) -> float:
+        """Return `of_parameters` by the model's covariance of the first unknowns, at most 1."""
+        moved_mm = self.to_mm[:, :, None] * self.by_unknowns[:, :, : len(covariance)]
         by_model_mm2 = np.einsum("pbk,kl,pbl->", moved_mm, covariance, moved_mm, optimize=True)
-        by_rows_mm2 = float(np.sum(to_mm**2 * about.solved(about.every, columns)[1]))
-        return replace(about, of_parameters=min(float(by_model_mm2) / max(by_rows_mm2, _TINY), 1.0))
+        by_rows_mm2 = float(np.sum(self.to_mm**2 * self.solved(self.every, self.columns)[1]))
+        return min(float(by_model_mm2) / max(by_rows_mm2, _TINY), 1.0)
 
     def with_noise_of_pairs(self, points: Array, label: Index, within_m: float) -> RowsAboutFit:
         """Return the rows with noise estimated from nearest neighbours, where it is the smaller.

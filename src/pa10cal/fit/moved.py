@@ -10,7 +10,7 @@ estimated from the residuals of so few readings, it would absorb whatever moved.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations, product
 
@@ -82,52 +82,69 @@ def hypotheses(
         x: (k,) their parameters.
         covariance: (k, k) of these.
     """
-    possible: list[Hypothesis] = []
-    rigid: list[int] = []  # columns of link and spring parameters
-    first, count = 0, len(x)
     zeros = {
-        f"{'d' if slides else 'theta'}_{joint}": (JOINT_ZERO, f"joint {joint}")
+        f"{'d' if slides else 'theta'}_{joint}": f"joint {joint}"
         for joint, slides in enumerate(arm.prismatic.tolist(), start=1)
     }
+    possible: list[Hypothesis] = []
+    rigid: list[int] = []  # columns of link and spring parameters
+    first = 0
+    for term in terms:
+        columns = list(range(first, first + len(term.parameters)))
+        first += len(columns)
+        possible += _of_term(term, columns, x, zeros)
+        if term.constant or "windup" in term.roles:
+            rigid += columns
+    return (*possible, _model_error(np.array(rigid, dtype=np.intp), covariance))
+
+
+def _of_term(
+    term: Term, columns: Sequence[int], x: Array, zeros: Mapping[str, str]
+) -> Iterator[Hypothesis]:
+    """Yield what may have moved of one term.
+
+    Args:
+        columns: those of its parameters in x.
+        zeros: the joint of each chain coordinate that is a joint's zero.
+    """
 
     def single(kind: str, of: str, column: int, size: float) -> Hypothesis:
-        directions = np.zeros((count, 1))
+        directions = np.zeros((len(x), 1))
         directions[column] = size
         return Hypothesis(kind, of, np.array([column]), directions, MOVED.sizes)
 
-    for term in terms:
-        columns = np.arange(first, first + len(term.parameters))
-        first += len(columns)
-        if term.constant:
-            rigid += columns.tolist()
-            for column, coordinate, parameter in zip(
-                columns.tolist(), term.coordinates, term.parameters, strict=True
-            ):
-                kind_and_place = zeros.get(coordinate, (LINK, parameter.name))
-                possible.append(single(*kind_and_place, column, parameter.scale))
-        elif "windup" in term.roles:
-            rigid += columns.tolist()
-            windup = int(columns[term.roles.index("windup")])
-            softer = MOVED.softer_share * float(x[windup])
-            possible.append(single(STIFFNESS, term.of, windup, softer))
-        elif is_effect(term):
-            directions = np.zeros((count, term.linear))
-            directions[columns[: term.linear]] = term.prior_factor
-            place = f"{term.id} of {term.of}"
-            possible.append(Hypothesis(EFFECT, place, columns, directions, (1.0,)))
-    at = np.array(rigid, dtype=np.intp)
-    directions = np.zeros((count, len(at)))
-    values, vectors = np.linalg.eigh(covariance[np.ix_(at, at)])
-    directions[at] = vectors * np.sqrt(np.maximum(values, 0.0))
-    return (*possible, Hypothesis(MODEL_ERROR, "arm", at, directions, _OF_FACTORS))
+    if term.constant:
+        for column, coordinate, parameter in zip(
+            columns, term.coordinates, term.parameters, strict=True
+        ):
+            kind, of = LINK, parameter.name
+            if coordinate in zeros:
+                kind, of = JOINT_ZERO, zeros[coordinate]
+            yield single(kind, of, column, parameter.scale)
+    elif "windup" in term.roles:
+        windup = columns[term.roles.index("windup")]
+        yield single(STIFFNESS, term.of, windup, MOVED.softer_share * float(x[windup]))
+    elif is_effect(term):
+        directions = np.zeros((len(x), term.linear))
+        directions[columns[: term.linear]] = term.prior_factor
+        yield Hypothesis(EFFECT, f"{term.id} of {term.of}", np.array(columns), directions, (1.0,))
+
+
+def _model_error(columns: NDArray[np.intp], covariance: Array) -> Hypothesis:
+    """Return the hypothesis of a larger error of the model, along the axes of a covariance."""
+    directions = np.zeros((len(covariance), len(columns)))
+    values, vectors = np.linalg.eigh(covariance[np.ix_(columns, columns)])
+    directions[columns] = vectors * np.sqrt(np.maximum(values, 0.0))
+    return Hypothesis(MODEL_ERROR, "arm", columns, directions, _OF_FACTORS)
 
 
 def sought(disagreed: Gaussian, possible: Sequence[Hypothesis]) -> tuple[MovedPart, ...]:
     """Return what moved: the set of hypotheses of the largest log evidence, less what each costs.
 
-    Each costs the logarithm of the number of hypotheses over the allowed rate of false names. The
-    error of the model explains two parts that moved better than either of them alone, and hides
-    both once it is accepted: sets are sought without it, from it, and with it after the parts.
+    A part costs ln(m / e), with m hypotheses and the allowed rate e of false names. A larger error
+    of the model explains two parts that moved better than either of them alone does, and once it is
+    in the set neither gains enough. So the best set is sought three times: without that hypothesis,
+    from it alone, and from the parts of the first set together with it.
 
     Args:
         disagreed: disagreement of readings, or of another fit, with the prior; see
@@ -145,16 +162,21 @@ def sought(disagreed: Gaussian, possible: Sequence[Hypothesis]) -> tuple[MovedPa
 def _stepwise(
     disagreed: Gaussian, possible: Sequence[Hypothesis], start: Sequence[Hypothesis], cost: float
 ) -> tuple[MovedPart, ...]:
-    """Return a set, from a start, that no exchange, removal or addition of one part improves."""
+    """Return a set, from a start, that no exchange, removal or addition of one part improves.
+
+    In every round each part is taken out, and the hypothesis that gains most beside the others
+    takes its place; then one more is added. A part that gains less than it costs stays out.
+    """
     parts = [MovedPart(each, each.sizes[-1], 0.0) for each in start]
-    while True:
-        before = {(part.name, part.size) for part in parts}
+    seen: list[set[tuple[tuple[str, str], float]]] = []
+    # Sets that differ by rounding alone might follow each other without end.
+    while (now := {(part.name, part.size) for part in parts}) not in seen:
+        seen.append(now)
         for part in tuple(parts):
             parts.remove(part)
             parts += _largest_gain(disagreed, possible, parts, cost)
         parts += _largest_gain(disagreed, possible, parts, cost)
-        if {(part.name, part.size) for part in parts} == before:
-            return tuple(sorted(parts, key=lambda part: -part.gain))
+    return tuple(sorted(parts, key=lambda part: -part.gain))
 
 
 def _largest_gain(

@@ -179,7 +179,7 @@ class Gaussian:
         return of_first, of_others, mean
 
     @property
-    def left(self) -> float:
+    def residual_squares(self) -> float:
         """Return the squares at the mean, of residuals and of the mean over the prior."""
         return self.squares - float(self.projection @ self.mean)
 
@@ -195,7 +195,7 @@ class Gaussian:
     @property
     def log_evidence(self) -> float:
         """Return the log marginal likelihood of the data, up to a constant of the rows."""
-        return -0.5 * (self.left + self.log_det + self.log_precision)
+        return -0.5 * (self.residual_squares + self.log_det + self.log_precision)
 
     def variances(self, columns: Array) -> Array:
         """Return the posterior variances (...,) of predictions by columns (..., k), noise apart."""
@@ -315,8 +315,8 @@ class Gaussians:
         return np.asarray(np.linalg.solve(lower.swapaxes(-1, -2), white[..., None])[..., 0])
 
     @property
-    def left(self) -> Array:
-        """Return the squares at the means, see `Gaussian.left`, (...)."""
+    def residual_squares(self) -> Array:
+        """Return the squares at the means, see `Gaussian.residual_squares`, (...)."""
         return np.asarray(self.squares - np.sum(self._factors[1] ** 2, axis=-1))
 
     @property
@@ -327,16 +327,18 @@ class Gaussians:
     @property
     def log_evidence(self) -> Array:
         """Return the log marginal likelihoods (...), up to a constant of the rows."""
-        return np.asarray(-0.5 * (self.left + self.log_det + self.log_precision))
+        return np.asarray(-0.5 * (self.residual_squares + self.log_det + self.log_precision))
 
     def gains(self, rows: int, least: float = np.finfo(float).tiny) -> tuple[Array, Array]:
-        """Return the gain in log evidence by the unknowns, and the share of squares left, (...).
+        """Return the gain in log evidence by the unknowns, and the share of the squares after it.
 
         Args:
             rows: their number. Their variance is unknown, and set to the likeliest value.
             least: lower bound of the share.
         """
-        share = np.maximum(self.left / np.maximum(self.squares, np.finfo(float).tiny), least)
+        share = np.maximum(
+            self.residual_squares / np.maximum(self.squares, np.finfo(float).tiny), least
+        )
         return np.asarray(-0.5 * (rows * np.log(share) + self.log_precision)), share
 
 

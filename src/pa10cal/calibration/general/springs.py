@@ -109,7 +109,7 @@ def _gain_of_spring(problem: Problem, found: GeneralSolution, joint: int) -> flo
 
     def squares(x: Array, free: Mask) -> float:
         columns, residual, prior_offset = _whitened(problem, found, x, free)
-        return Gaussian.of(columns, -residual).about(-prior_offset).left
+        return Gaussian.of(columns, -residual).about(-prior_offset).residual_squares
 
     free = ~found.at_bound
     with_spring = squares(found.x, free)
