@@ -12,12 +12,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
+from itertools import chain, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arm.chain import Chain
+from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Array, drawn
 from pa10cal.calibration.general.problem import loaded_joints
 from pa10cal.calibration.rules import SPRINGS
@@ -67,7 +68,7 @@ class Member:
 
 
 @dataclass(frozen=True, eq=False)
-class Scored:
+class ScoredSet:
     """A set of members with its log evidence."""
 
     at: tuple[int, ...]  # indices of its members, in rising order
@@ -75,6 +76,23 @@ class Scored:
     amounts: dict[int, Array] = field(repr=False)  # of each member, in units of its sizes
     weights: Array = field(repr=False)  # (w,) deviations of weights, in standard deviations
     possible: bool = True  # whether no amount is negative that physically cannot be
+
+
+@dataclass(frozen=True, eq=False)
+class _BilinearRows:
+    """Rows in k amounts of a set's members and w combinations of weights, which multiply."""
+
+    places: dict[int, slice]  # the amounts of each member, by its index
+    described: Array  # (r, k) columns of the amounts under the weights as described
+    added: Array  # (r, w, k) what each combination of weights adds to them
+    data: Array  # (r,)
+
+    def about(self, amounts: Array, weights: Array) -> Gaussian:
+        """Return amounts, then weights, by the rows as they are linear about some of them."""
+        by_amounts = self.described + np.tensordot(weights, self.added, (0, 1))
+        by_weights = self.added @ amounts
+        columns = np.concatenate([by_amounts, by_weights], axis=1)
+        return Gaussian.of(columns, self.data + by_weights @ weights)
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,31 +139,29 @@ class Together:
         assert payload is not None
         members = tuple(_members(context, at, poses))
         bare = _without_any(at)
-        nominal = statics_of(Model(Chain.of(at.arm), ()), np.zeros(0), poses.states, payload)
-        described = poses.with_states(
-            replace(poses.states, static_loads=nominal, tau_Nm=nominal.joint_Nm)
-        )
         sizes = weight_sizes(at.arm, payload).columns(at.arm)
-        of_members, mixes = _columns_under(described, sizes, bare, whiten, members)
+        of_members, mixes = _columns_under(
+            _as_described(poses, at, payload), sizes, bare, whiten, members
+        )
         own = np.concatenate(
             [_own_columns(bare, poses, whiten, members), whiten @ beside[:, :, :-1]], axis=2
         )
-        every, columns, first = [own], [], 0
-        for parts in of_members:
-            size = parts[0].shape[2]
-            columns.append(first + np.arange(len(parts) * size).reshape(-1, size))
-            every += parts
-            first += len(parts) * size
         residual = bare.compared(poses).residual + beside[:, :, -1]
         data = -(whiten @ residual[:, :, None])[:, :, 0]
         tempered = np.sqrt(PROBABILITIES.blocks)
-        equations = Gaussian.of(np.concatenate(every, axis=2) / tempered, data / tempered)
+        every = np.concatenate([own, *chain.from_iterable(of_members)], axis=2)
+        equations = Gaussian.of(every / tempered, data / tempered)
         equations = equations.without(np.arange(own.shape[2]))
-        names = {member.name for member in members}
-        cost = threshold(len(names), setup.options.error_rate)
         weights = np.zeros((len(mixes), len(sizes)))
         weights[:, sizes > 0.0] = mixes * sizes[sizes > 0.0]
-        return cls(members, _as_rows(equations), tuple(columns), weights, cost)
+        names = {member.name for member in members}
+        return cls(
+            members,
+            _as_rows(equations),
+            tuple(_numbered(of_members)),
+            weights,
+            threshold(len(names), setup.options.error_rate),
+        )
 
     def holding(self, terms: Iterable[Term]) -> tuple[int, ...]:
         """Return the indices of the members whose terms a model has, one of each name."""
@@ -160,65 +176,69 @@ class Together:
         """Return the members of a set that are compliances."""
         return tuple(k for k in at if self.members[k].gives_way)
 
-    def likeliest(self, *starts: Sequence[int]) -> Scored:
+    def likeliest(self, *starts: Sequence[int]) -> ScoredSet:
         """Return the likeliest set that single steps lead to from any of several sets.
 
         The sets are the starts, the empty one, and each of the likeliest single members: the first
         member decides what the others have left to explain.
         """
         empty = self.scored(())
-        alone: dict[tuple[str, str], Scored] = {}
+        alone: dict[tuple[str, str], ScoredSet] = {}
         of_one = [self.scored((k,), empty) for k in range(len(self.members))]
         for scored in sorted(of_one, key=lambda scored: -scored.nats):
             alone.setdefault(self.members[scored.at[0]].name, scored)
         likeliest = [scored.at for scored in list(alone.values())[: TOGETHER.begun_with]]
-        ends: dict[tuple[int, ...], Scored] = {}
+        ends: dict[tuple[int, ...], ScoredSet] = {}
         found = [self._climbed(self.scored(start), ends) for start in ((), *starts, *likeliest)]
         return max(found, key=lambda scored: scored.nats)
 
-    def scored(self, at: Iterable[int], known: Scored | None = None) -> Scored:
+    def scored(self, at: Iterable[int], known: ScoredSet | None = None) -> ScoredSet:
         """Return a set with its log evidence, by Gauss-Newton steps.
 
         Rows are bilinear in the amounts and the weights. From a known set that differs by a member
         fewer steps are made.
         """
         chosen = tuple(sorted(at))
-        parts = [self.rows[:, self.columns[k]] for k in chosen]  # (r, 1 + w, q) each
-        ends = np.cumsum([0, *(part.shape[2] for part in parts)])
-        places = [slice(*pair) for pair in pairwise(ends.tolist())]
-        described = np.concatenate([np.zeros((len(self.rows), 0)), *(p[:, 0] for p in parts)], 1)
-        added = np.zeros((len(self.rows), len(self.weights), ends[-1]))
-        amounts, weights = np.zeros(ends[-1]), np.zeros(len(self.weights))
-        for part, place in zip(parts, places, strict=True):
-            if part.shape[1] > 1:
-                added[:, :, place] = part[:, 1:]
+        rows = self._bilinear_rows(chosen)
+        amounts, weights = np.zeros(rows.described.shape[1]), np.zeros(len(self.weights))
         if known is not None:
             weights = known.weights
-            for k, place in zip(chosen, places, strict=True):
+            for k, place in rows.places.items():
                 amounts[place] = known.amounts.get(k, 0.0)
         for _ in range(TOGETHER.steps if known is None else TOGETHER.steps_beside):
-            by_amounts = described + np.tensordot(weights, added, (0, 1))
-            by_weights = added @ amounts
-            columns = np.concatenate([by_amounts, by_weights], axis=1)
-            fit = Gaussian.of(columns, self.rows[:, -1] + by_weights @ weights)
-            before = amounts
+            fit, before = rows.about(amounts, weights), amounts
             amounts, weights = np.split(fit.mean, [len(amounts)])
             if np.abs(amounts - before).max(initial=0.0) < TOGETHER.settled:
                 break
-        of_members = {k: amounts[place] for k, place in zip(chosen, places, strict=True)}
+        of_members = {k: amounts[place] for k, place in rows.places.items()}
         possible = True
         if known is None:
             std = np.sqrt(np.diag(fit.covariance))
             possible = all(
                 of_members[k].min() > -TOGETHER.below_zero * std[place.start]
                 and of_members[k].max() > 0.0
-                for k, place in zip(chosen, places, strict=True)
+                for k, place in rows.places.items()
                 if self.members[k].effect.positive
             )
         nats = fit.log_evidence - self.member_nats * len(chosen)
-        return Scored(chosen, nats, of_members, weights, possible)
+        return ScoredSet(chosen, nats, of_members, weights, possible)
 
-    def springs(self, found: Scored) -> dict[Term, Array]:
+    def _bilinear_rows(self, chosen: Sequence[int]) -> _BilinearRows:
+        """Return the rows of a set, by the indices of its members."""
+        parts = [self.rows[:, self.columns[k]] for k in chosen]  # (r, 1 + w, q) each
+        ends = np.cumsum([0, *(part.shape[2] for part in parts)]).tolist()
+        places = [slice(*pair) for pair in pairwise(ends)]
+        described = np.zeros((len(self.rows), ends[-1]))
+        added = np.zeros((len(self.rows), len(self.weights), ends[-1]))
+        for part, place in zip(parts, places, strict=True):
+            described[:, place] = part[:, 0]
+            if part.shape[1] > 1:
+                added[:, :, place] = part[:, 1:]
+        return _BilinearRows(
+            dict(zip(chosen, places, strict=True)), described, added, self.rows[:, -1]
+        )
+
+    def springs(self, found: ScoredSet) -> dict[Term, Array]:
         """Return the springs of a set, each with its parameters."""
         members = {k: self.members[k] for k in found.at}
         return {
@@ -227,21 +247,21 @@ class Together:
             if is_spring(member.term)
         }
 
-    def weights_of(self, found: Scored) -> Array:
+    def weights_of(self, found: ScoredSet) -> Array:
         """Return the deviations (4 n + 3,) of the weights from their description by a set."""
         return np.asarray(found.weights @ self.weights)
 
-    def effects(self, found: Scored) -> tuple[Effect, ...]:
+    def effects(self, found: ScoredSet) -> tuple[Effect, ...]:
         """Return the effects of a set."""
         terms = (self.members[k].term for k in found.at)
         return tuple(term for term in terms if is_effect(term))
 
-    def missed(self, found: Scored) -> frozenset[tuple[str, str]]:
+    def missed(self, found: ScoredSet) -> frozenset[tuple[str, str]]:
         """Return the names of the members that a set is less likely without."""
         without = {k: self.scored({*found.at} - {k}, found) for k in found.at}
         return frozenset(self.members[k].name for k in found.at if without[k].nats < found.nats)
 
-    def rivals(self, found: Scored) -> dict[tuple[str, str], tuple[Rival, ...]]:
+    def rivals(self, found: ScoredSet) -> dict[tuple[str, str], tuple[Rival, ...]]:
         """Return the rivals of each member of a set, by name.
 
         A rival in place of a member is scored against the set, or against the set with the rival
@@ -267,7 +287,7 @@ class Together:
             for k, nats_of in rivals.items()
         }
 
-    def _climbed(self, found: Scored, ends: dict[tuple[int, ...], Scored]) -> Scored:
+    def _climbed(self, found: ScoredSet, ends: dict[tuple[int, ...], ScoredSet]) -> ScoredSet:
         """Return the set at which steps to likelier sets end: a member joins, leaves, is exchanged.
 
         `ends` maps sets that earlier climbs passed to their ends; those of this climb are added.
@@ -285,7 +305,7 @@ class Together:
         ends |= dict.fromkeys(path, ends[found.at])
         return ends[found.at]
 
-    def _likelier(self, found: Scored) -> Scored | None:
+    def _likelier(self, found: ScoredSet) -> ScoredSet | None:
         """Return the first likelier set among the most promising single steps; None for none."""
         steps = [self.scored(at, found) for at in self._steps(found.at)]
         steps.sort(key=lambda step: -step.nats)
@@ -341,6 +361,21 @@ def _members(context: CandidateContext, at: FittedModel, poses: Observations) ->
         sizes = other.prior_factor * (TOGETHER.sizes if other.bends or other.yields else 1.0)
         for start in other.starts:
             yield Member(other, other, start, sizes)
+
+
+def _as_described(poses: Observations, at: FittedModel, payload: Payload) -> Observations:
+    """Return poses with the static loads and torques that the weights as described cause."""
+    loads = statics_of(Model(Chain.of(at.arm), ()), np.zeros(0), poses.states, payload)
+    return poses.with_states(replace(poses.states, static_loads=loads, tau_Nm=loads.joint_Nm))
+
+
+def _numbered(of_members: Iterable[Sequence[Array]]) -> Iterator[NDArray[np.intp]]:
+    """Yield the places, (1 + w, q) of each member, of columns that stand one after the other."""
+    first = 0
+    for parts in of_members:
+        size = parts[0].shape[2]
+        yield first + np.arange(len(parts) * size).reshape(-1, size)
+        first += len(parts) * size
 
 
 def _without_any(at: FittedModel) -> FittedModel:

@@ -19,7 +19,7 @@ from pa10cal.discovery.blocked_cv.refit import Refit, refit
 from pa10cal.discovery.blocked_cv.survey import Survey
 from pa10cal.discovery.pose_scatter import PoseWeights
 from pa10cal.discovery.preparation import Prepared
-from pa10cal.discovery.together import Scored, Together
+from pa10cal.discovery.together import ScoredSet, Together
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.options import Tolerances
 from pa10cal.terms.joint_spring import is_spring
@@ -88,7 +88,9 @@ def _with_link_parameters(baseline: FittedModel, links: Offsets, added: Offsets)
     return replace(baseline, model=model, x=np.concatenate(x), covariance=None)
 
 
-def with_compliances_of(calibrated: FittedModel, sets: Together, likeliest: Scored) -> FittedModel:
+def with_compliances_of(
+    calibrated: FittedModel, sets: Together, likeliest: ScoredSet
+) -> FittedModel:
     """Return a calibrated model with the springs and weights of a set in place of its own.
 
     The set is one of what gives way under weights that nobody stated. Its effects are not in the
