@@ -136,7 +136,7 @@ def _rivals(found: Verdict, problem: _LinearProblem) -> dict[tuple[str, str], tu
     """Return the rivals of each spring or effect without which the set is less likely, by name."""
     at, setup = found.extended.at, found.prepared.setup
     sets = Together.of(
-        at, problem.poses, problem.whitener, found.context, setup, found.scorer.beside
+        at, problem.poses, problem.whitener, found.context, setup, found.scorer.nuisances
     )
     rigid = [term for term in at.model.terms if is_spring(term) and problem.is_rigid(term)]
     there = sets.scored(sets.holding(term for term in at.model.terms if term not in rigid))

@@ -116,7 +116,7 @@ class Together:
         whiten: Array,
         context: CandidateContext,
         setup: MeasurementSetup,
-        beside: Array | None = None,
+        nuisances: Array | None = None,
     ) -> Together:
         """Return the rows of poses about a model that was fitted to them.
 
@@ -126,15 +126,15 @@ class Together:
             whiten: (P, b, b) that makes their components white.
             context: where effects are possible.
             setup: what the arm carries, and the error rate.
-            beside: (P, b, k + 1) columns of nuisances that are in no model, and last their sum;
+            nuisances: (P, b, k + 1) columns of nuisances that are in no model, and last their sum;
                 None for none.
         """
         if len(poses) > TOGETHER.most_poses:
             rows = drawn(len(poses), TOGETHER.most_poses)
             poses, whiten = poses.take(rows), whiten[rows]
-            beside = None if beside is None else beside[rows]
-        if beside is None:
-            beside = np.zeros((*whiten.shape[:2], 1))
+            nuisances = None if nuisances is None else nuisances[rows]
+        if nuisances is None:
+            nuisances = np.zeros((*whiten.shape[:2], 1))
         payload = setup.payload
         assert payload is not None
         members = tuple(_members(context, at, poses))
@@ -144,9 +144,9 @@ class Together:
             _as_described(poses, at, payload), sizes, bare, whiten, members
         )
         own = np.concatenate(
-            [_own_columns(bare, poses, whiten, members), whiten @ beside[:, :, :-1]], axis=2
+            [_own_columns(bare, poses, whiten, members), whiten @ nuisances[:, :, :-1]], axis=2
         )
-        residual = bare.compared(poses).residual + beside[:, :, -1]
+        residual = bare.compared(poses).residual + nuisances[:, :, -1]
         data = -(whiten @ residual[:, :, None])[:, :, 0]
         tempered = np.sqrt(PROBABILITIES.blocks)
         every = np.concatenate([own, *chain.from_iterable(of_members)], axis=2)
@@ -269,14 +269,14 @@ class Together:
         that is likelier than the member counts as equally likely.
         """
         rivals: dict[int, dict[Effect, float]] = {k: {} for k in found.at}
-        for other in self._beside(found.at):
+        for other in self._names_not_in(found.at):
             effect = self.members[other].effect
-            beside = self.scored({*found.at, other}, found)
-            if beside.nats > found.nats:
-                beside = self.scored(beside.at)
-            compared = max(found.nats, beside.nats)
+            joined = self.scored({*found.at, other}, found)
+            if joined.nats > found.nats:
+                joined = self.scored(joined.at)
+            compared = max(found.nats, joined.nats)
             for k, nats_of in rivals.items():
-                instead = self.scored({*found.at, other} - {k}, beside)
+                instead = self.scored({*found.at, other} - {k}, joined)
                 if instead.nats > compared - TOGETHER.near_nats:
                     instead = self.scored(instead.at)
                 if instead.possible:
@@ -320,15 +320,15 @@ class Together:
         there = set(at)
         for k in at:
             yield there - {k}
-        for k in self._beside(at):
+        for k in self._names_not_in(at):
             yield there | {k}
         for gone in at:
             rest = there - {gone}
-            for k in self._beside(sorted(rest)):
+            for k in self._names_not_in(sorted(rest)):
                 if k != gone:
                     yield rest | {k}
 
-    def _beside(self, at: Sequence[int]) -> Iterator[int]:
+    def _names_not_in(self, at: Sequence[int]) -> Iterator[int]:
         """Yield the members whose names are not in a set."""
         names = {self.members[k].name for k in at}
         yield from (k for k, member in enumerate(self.members) if member.name not in names)

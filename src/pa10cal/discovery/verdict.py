@@ -96,7 +96,7 @@ class Basis(ABC):
         """Return the extended model with some of its effects, all other parameters fitted again."""
 
     @property
-    def beside(self) -> Array | None:
+    def nuisances(self) -> Array | None:
         """Return columns (P, b, k + 1) of nuisances that are in no model, and last their sum.
 
         In the components of the poses fitted; None without nuisances.

@@ -86,7 +86,7 @@ class ByBlocks(Scorer):
 
     @property
     @override
-    def beside(self) -> Array:
+    def nuisances(self) -> Array:
         survey, at = self.survey, self.extended.at
         columns = [each.columns(survey.baseline, survey.poses) for each in survey.nuisances]
         shift = survey.net_residual(at) - linear.residual(at, survey.poses)
@@ -194,7 +194,7 @@ class ByBlocks(Scorer):
             return None
         at, weights = extended.at, extended.weights
         sets = Together.of(
-            at, survey.poses, weights.whiteners(), found.context, survey.setup, self.beside
+            at, survey.poses, weights.whiteners(), found.context, survey.setup, self.nuisances
         )
         present = sets.holding(extended.model.terms)
         likeliest = sets.likeliest(present)
