@@ -30,6 +30,7 @@ from pa10cal.discovery.nuisances import (
 )
 from pa10cal.discovery.preparation import why_unknown
 from pa10cal.discovery.rules import CANDIDATES, MOTION
+from pa10cal.discovery.target_wander import target_wander
 from pa10cal.discovery.tuning import none_and_spaced
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.numerics.gaussian import Gaussian
@@ -334,7 +335,7 @@ def in_time_of(
     of a scan that returns to no place: time and place then cannot be distinguished. Motion found
     where a joint or the load passes from one side to the other, or where a joint moves slowly, is
     compared with errors that depend on that joint or load: only what these leave is attributed to
-    time.
+    time. A walk is none where readings of single targets wander as much, each by itself.
 
     Args:
         at: the model, with small motions of the base.
@@ -366,19 +367,29 @@ def in_time_of(
         walks = all(np.isfinite(rival.value) for rival in rivals)
         return _motion_in(_TimedRows(at, poses, whitener, own, static, of_time), walks=walks)
 
+    found = beside(())
+    if found.wander is not None and found.wander.walk_m:
+        of_targets = target_wander(at, poses, linear.residual(at, poses))
+        if of_targets is not None:
+            return replace(NO_MOTION, has_drift=found.has_drift, of_targets=of_targets)
     if again:  # poses measured again show that no joint and no load explains the motion
-        return beside(())
-    return _beyond_rivals(beside, poses.states, at.arm.prismatic)
+        return found
+    return _beyond_rivals(found, beside, poses.states, at.arm.prismatic)
 
 
 def _beyond_rivals(
-    beside: Callable[[tuple[Threshold, ...]], TimeFindings], states: PoseStates, prismatic: Mask
+    found: TimeFindings,
+    beside: Callable[[tuple[Threshold, ...]], TimeFindings],
+    states: PoseStates,
+    prismatic: Mask,
 ) -> TimeFindings:
     """Return the motion that remains beside joints and loads whose errors may explain it as well.
 
-    `beside` returns the motion found beside errors that depend on some of them.
+    Args:
+        found: the motion found beside none of them.
+        beside: returns the motion found beside errors that depend on some of them.
     """
-    found, rivals = beside(()), tuple[Threshold, ...]()
+    rivals: tuple[Threshold, ...] = ()
     first_mm = 0.0 if found.wander is None else found.wander.rms_mm[0]
     for _ in range(MOTION.most_rivals):
         more = _rivals_of(found, states, prismatic)

@@ -19,6 +19,7 @@ from pa10cal.arrays import Array
 from pa10cal.discovery import linear
 from pa10cal.discovery.log_faults import DiagnosedFault
 from pa10cal.discovery.rules import BLOCKS, MOTION
+from pa10cal.discovery.target_wander import TargetWander
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
 from pa10cal.results.discovery import Unexplained
@@ -177,6 +178,8 @@ class TimeFindings:
     # them explain the motion as well
     rivals: tuple[str, ...] = ()
     rivals_mm: float = 0.0  # root mean square of the motion found before these were considered
+    # errors of single readings that look like a walk; None where there are none
+    of_targets: TargetWander | None = None
 
 
 NO_MOTION = TimeFindings(None, has_drift=False)

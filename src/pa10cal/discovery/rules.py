@@ -297,6 +297,10 @@ class Motion:
     coarse_times: int = 40  # times of a jump first scanned (computing)
     # least root mean square of a motion over the noise of one reading (trials)
     least_noise_ratio: float = 0.5
+    # least covariance of errors of single targets over that of their common motion, per degree of
+    # freedom, from which on the latter is no motion: of independent errors it is 1 (statistics)
+    single_share: float = 0.5
+    single_errors: float = 4.0  # and by how many standard errors it is not zero (level)
     # least noise over that by which rows are whitened: more columns than rows could explain all of
     # it (trials)
     least_noise_share: float = 0.3

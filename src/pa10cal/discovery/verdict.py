@@ -217,6 +217,8 @@ class Verdict(Generic[S]):
     predicted: Predicted | None = None
     noise_floor_mm: float  # mean position error that noise alone would leave
     noise_floor_from: str | None = None  # its source in words; None where it is from repeats
+    # that readings of single targets wander in time, in words; None where they do not
+    readings_wander: str | None = None
     train: PairedErrors  # errors before and after, `predicted` included, at the poses fitted
     holdout: PairedErrors | None  # the same at held-out poses; None without any
     faults_of_rows: tuple[DiagnosedFault, ...] = ()  # found after the search

@@ -71,6 +71,7 @@ def verdict_keys(found: Verdict, ahead: Plan = NOTHING_PLANNED) -> VerdictKeys:
         gap=Gap(
             noise_floor_mm=found.noise_floor_mm,
             noise_floor_from=found.noise_floor_from,
+            readings_wander=found.readings_wander,
             train=found.train.record(),
             holdout=None if holdout is None else holdout.record(found.prepared.suspected),
         ),
@@ -172,6 +173,8 @@ def warnings_of(verdict: VerdictKeys) -> tuple[str, ...]:
     if verdict.verdict == "unexplained" and verdict.unexplained is not None:
         place = verdict.unexplained.of or "unknown place"
         found.append(f"an unidentified effect of {place} is missing: uncertainties do not cover it")
+    if verdict.gap.readings_wander is not None:
+        found.append(verdict.gap.readings_wander)
     found += map(fault_text, verdict.faults)
     if verdict.falls_back is not None:
         found.append(verdict.falls_back.why)

@@ -230,6 +230,9 @@ class Gap(record.Part):
     noise_floor_mm: float
     # what the noise floor was found from, where not from repeats
     noise_floor_from: str | None = record.optional()
+    # that readings of single targets wander in time, each by itself, and for how long; only where
+    # they do as much as all targets together
+    readings_wander: str | None = record.optional()
     train: SetGap  # over the poses fitted
     # over held-out poses, which are never used to choose or fit; null without any
     holdout: SetGap | None

@@ -5,11 +5,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from made_up_model import fitted, postures
 from made_up_survey import POSITION_M, observe
+from pa10cal.arm.statics import PoseStates
+from pa10cal.discovery.blocked_cv import outcome
 from pa10cal.discovery.blocked_cv.by_blocks import discover_by_blocks
 from pa10cal.discovery.blocked_cv.interleaved_check import SquaresByBlock, slow_drift
 from pa10cal.discovery.preparation import Prepared
+from pa10cal.discovery.target_wander import TargetWander, in_words, target_wander
 from pa10cal.fit.fitted_model import model_from_plain, model_to_plain
+from pa10cal.observe.observations import Observations
+from pa10cal.observe.points import Points
+from pa10cal.options import Tolerances
+from pa10cal.terms.term import link_departures
 
 POSES = 400
 
@@ -85,3 +93,73 @@ def test_a_constant_drift_is_no_alternative_of_a_slow_one(nothing_hidden):
     (judged,) = slow_drift(nothing_hidden.discovery.scorer.survey, AllAlike(), ())
     assert judged.effect.waves > 0
     assert judged.effect.id not in {each.id for each in judged.alternatives}
+
+
+# Readings of single targets that wander, each by itself.
+
+TARGETS_M = np.array([[0.05, 0.01, 0.06], [-0.04, 0.05, 0.08], [0.0, -0.06, 0.1]])
+SECONDS_A_POSE, NOISE_M = 20.0, 5e-5
+
+
+def wander_of(single=0.0, common=0.0, *, targets=3, from_pose_to_pose=0.9, seed=1):
+    """Return what is found in readings at random poses with white noise and what lasts longer.
+
+    Both sizes, of errors of single targets and of a shift of all, are over that of the noise.
+    """
+    rng, count = np.random.default_rng(seed), 200
+    at = fitted("ur10", 1, lambda arm: (link_departures(arm, Tolerances()),))
+    at = replace(at, targets_m=TARGETS_M[:targets].ravel())
+
+    def lasting(*size):
+        new = rng.standard_normal((count, *size))
+        for k in range(1, count):
+            new[k] = from_pose_to_pose * new[k - 1] + np.sqrt(1 - from_pose_to_pose**2) * new[k]
+        return NOISE_M * new
+
+    residual = NOISE_M * rng.standard_normal((count, targets, 3))
+    residual += single * lasting(targets, 3) + common * lasting(1, 3)
+    arm = at.model.chain.arm
+    zero, zeros = np.zeros(count), np.zeros((count, arm.n))
+    states = PoseStates(
+        q_rad=postures(arm, seed, count),
+        load_N=zero,
+        tau_Nm=zeros,
+        arrival=zeros,
+        temperature_C=zero,
+        time_s=SECONDS_A_POSE * np.arange(count),
+    )
+    cov_m2 = np.broadcast_to(NOISE_M**2 * np.eye(3), (count, targets, 3, 3))
+    names = tuple(f"T{k + 1}" for k in range(targets))
+    read = Points(names, np.ones((count, targets, 3)), cov_m2, None)
+    poses = Observations.single(np.array([f"P{k}" for k in range(count)]), states, read)
+    shuffled = rng.permutation(count)
+    return target_wander(at, poses.take(shuffled), residual.reshape(count, -1)[shuffled])
+
+
+@pytest.mark.parametrize("targets", [2, 3])
+def test_readings_that_wander_singly_are_told_by_how_much_and_how_long(targets):
+    found = wander_of(single=1.0, targets=targets)
+    assert found.rms_mm == pytest.approx(1e3 * np.sqrt(3.0) * NOISE_M, rel=0.3)
+    assert 0.4 < found.lasting_s / (SECONDS_A_POSE / -np.log(0.9)) < 2.5
+    assert "each by itself for about" in in_words(found)
+    assert in_words(None) is None
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_noise_and_motions_of_all_targets_are_no_such_wander(seed):
+    assert wander_of(seed=seed) is None
+    assert wander_of(common=1.0, seed=seed) is None
+    assert wander_of(single=0.5, common=1.5, seed=seed) is None
+
+
+def test_a_single_target_does_not_show_whether_it_moves_alone():
+    assert wander_of(single=1.0, targets=1) is None
+
+
+@pytest.mark.slow
+def test_where_readings_wander_singly_no_drift_is_named(monkeypatch):
+    monkeypatch.setattr(outcome, "target_wander", lambda *_: TargetWander(0.05, 240.0))
+    found = judged([0.0, 0.0, 2.0 * POSITION_M])
+    assert found.effects == ()
+    assert "by 0.05 mm" in found.readings_wander
+    assert "for about 4 min" in found.readings_wander

@@ -44,6 +44,7 @@ from pa10cal.discovery.refitted_verdict import with_findings
 from pa10cal.discovery.rules import BLOCKS, NAMES, PROBABILITIES
 from pa10cal.discovery.separation import without_repeats
 from pa10cal.discovery.short_forms import FormComparison
+from pa10cal.discovery.target_wander import in_words
 from pa10cal.discovery.together import Together
 from pa10cal.discovery.tuning import NEXT_POSES
 from pa10cal.discovery.verdict import Plan, Scorer, Verdict
@@ -411,6 +412,7 @@ def _verdict(campaign: Prepared, searched: SearchWithMotion) -> Verdict[ByBlocks
         below_detection_limit=found.below_detection_limit,
         noise_floor_mm=floor_mm,
         noise_floor_from=noise.origin,
+        readings_wander=in_words(searched.in_time.of_targets),
         train=scorer.gap_on(poses),
         holdout=None if campaign.held_out is None else scorer.gap_on(campaign.held_out),
         faults_of_rows=(

@@ -46,6 +46,7 @@ from pa10cal.discovery.pose_scatter import AS_FOUND, PoseWeights, weights_with_j
 from pa10cal.discovery.preparation import sought
 from pa10cal.discovery.residual_candidates import gear_lines, warm_ups_shown, wobbles
 from pa10cal.discovery.rules import LINES, MAPS
+from pa10cal.discovery.target_wander import target_wander
 from pa10cal.fit.tails import keep_their_distances
 from pa10cal.results.discovery import Tried
 from pa10cal.terms.effects.effect import Effect, is_effect
@@ -195,10 +196,18 @@ class SearchWithMotion(NamedTuple):
 
 
 def search_with_motion(survey: Survey) -> SearchWithMotion:
-    """Search a survey, again with what moved or changed in time, then for a slow drift."""
+    """Search a survey, again with what moved or changed in time, then for a slow drift.
+
+    For the latter not where readings of single targets wander as much, each by itself.
+    """
     found = _with_motion_shown(_with_warm_ups(_with_lines_and_wobbles(survey)))
-    outcome = found.outcome
-    drift = slow_drift(outcome.survey, outcome.interleaved_check, outcome.extended.effects)
+    outcome, of_targets = found.outcome, found.in_time.of_targets
+    survey, at = outcome.survey, outcome.extended.at
+    if of_targets is None and survey.wander is None:
+        of_targets = target_wander(at, survey.poses, survey.net_residual(at))
+    if of_targets is not None:
+        return found._replace(in_time=replace(found.in_time, of_targets=of_targets))
+    drift = slow_drift(survey, outcome.interleaved_check, outcome.extended.effects)
     return found._replace(outcome=with_effects_added(outcome, drift))
 
 

@@ -39,6 +39,7 @@ from pa10cal.discovery.nuisances import NO_MOTION, motion_unexplained, steps_in_
 from pa10cal.discovery.residual_candidates import gear_lines
 from pa10cal.discovery.rules import EVIDENCE, LINES
 from pa10cal.discovery.short_forms import FormComparison
+from pa10cal.discovery.target_wander import in_words
 from pa10cal.discovery.tuning import COMPUTING
 from pa10cal.discovery.verdict import Plan, Scorer, Verdict
 from pa10cal.errors import DiscoveryError
@@ -272,6 +273,7 @@ def _verdict(
         not_testable=tuple(each for each in refused if not is_fault(each.effect)),
         indistinguishable=tuple(tuple(family[k] for k in group) for group in groups),
         noise_floor_mm=floor,
+        readings_wander=in_words(problem.in_time.of_targets),
         train=scorer.gap_on(average_repeats(campaign.trusted)),
         holdout=None if held_out is None else scorer.gap_on(held_out),
         faults_of_rows=steps_in_time(wander, extended.at, problem.readings),
@@ -324,6 +326,8 @@ def _with_time(
             weights=problem.torque is not None,
         )
         if found.wander is None and not (found.has_drift or moved.any()):
+            in_time = replace(problem.in_time, of_targets=found.of_targets)
+            problem = replace(problem, in_time=in_time)
             break
         problem = prepare(readings, baseline, setup, torques_logged=logged, in_time=found)
         start = fit(problem, (), (), NO_SHARED_ERROR)
