@@ -20,7 +20,7 @@ from pa10cal.terms.field import Field, Nameless, is_nameless
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.of_campaign import OfCampaign, of_one_campaign
 from pa10cal.terms.term import OPTIONAL, Offsets, Term
-from pa10cal.terms.weights import FAULTS, Weights
+from pa10cal.terms.weights import FAULTS, Weights, holds_weights
 
 
 def term_to_plain(term: Term) -> dict[str, Any]:
@@ -102,10 +102,11 @@ def refuse_of_another_arm(terms: Iterable[Term], chain: Chain, where: str) -> No
             parts = term.terms
         wrong: list[object] = [name for name in term.coordinates if not chain.has_coordinate(name)]
         for part in parts:
-            joints = [getattr(part, name) for name in _JOINT_NUMBERS if hasattr(part, name)]
+            names = [each.name for each in fields(part) if each.name in _JOINT_NUMBERS]
+            joints = [getattr(part, name) for name in names]
             joints += getattr(part, "joints", ())
             wrong += [f"joint {joint}" for joint in joints if joint not in known_joints]
-            if isinstance(part, Weights):
+            if holds_weights(part):
                 columns = (*part.columns, *(() if part.held is None else (part.held,)))
                 wrong += [f"column {column}" for column in columns if column not in known_weights]
                 wrong += [f"{part.n} joints"] * (part.n != n)
