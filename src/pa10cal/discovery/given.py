@@ -256,13 +256,13 @@ def _effects(
     context = replace(context, three_axes=None)
     possible = {(e.id, e.of): e for e in everywhere_but(every_effect(), context, ())}
     lines: dict[str, Effect] = {}
-    if any(each.id == GearLine.id and not isinstance(each, Effect) for each in wanted):
+    if any(each.id == GearLine.id and isinstance(each, EffectOfPlace) for each in wanted):
         residual = linear.residual(campaign.baseline, poses)
         rows = linear.WhitenedPoses(campaign.baseline, poses, residual, whitener)
         lines = {line.of: line for line in gear_lines(rows, campaign.setup.options.error_rate)}
     found = []
     for each in wanted:
-        if isinstance(each, Effect):
+        if not isinstance(each, EffectOfPlace):
             found.append(each)
         elif (each.id, each.of) not in possible:
             raise _no_such_place(each, [of for kind, of in possible if kind == each.id])
