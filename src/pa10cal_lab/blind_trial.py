@@ -275,7 +275,9 @@ class BlindTrial:
             probabilities |= {other.name: other.probability for other in named.alternatives}
             # The 95 % set may have members that are too improbable to be listed.
             names = {*probabilities, *(member.name for member in named.set95)}
-            right = {name: name in true or self._is_nameless(name, named) for name in names}
+            right = {
+                name: name in true or self._describes_error_by_angle(name, named) for name in names
+            }
             for name, probability in probabilities.items():
                 of = "name" if name == named.name else "alternative"
                 yield Claim(of, probability, right[name])
@@ -286,15 +288,15 @@ class BlindTrial:
             in_set = any(right[member.name] for member in named.set95)
             yield Claim("set", SURE, in_set or holds_none)
 
-    def _is_nameless(self, name: Name, named: FoundEffect) -> bool:
+    def _describes_error_by_angle(self, name: Name, named: FoundEffect) -> bool:
         """Return whether a map or a line rightly describes a hidden error by a joint's angle.
 
-        Errors of the background (`outside`) make a map right as the name only, not as an
-        alternative.
+        Errors of the background (`outside`) make a map or a line right as the name only, not as an
+        alternative. The line that is named needs the right cycles a turn.
         """
         here = [each for each in self.hidden if each.of == name.of and _kind_of(each).by_angle]
-        if name.id == GEAR_LINE:
-            return name == named.name and any(_has_line(each, named) for each in here)
+        if name == named.name and name.id in (LINE, GEAR_LINE):
+            return any(_has_line(each, named) for each in here)
         return name.id in (MAP, LINE) and any(
             name == named.name or not each.outside for each in here
         )
@@ -530,7 +532,8 @@ def cycles_of(found: FoundEffect) -> float | None:
 
 def _has_line(hidden: results.HiddenEffect, found: FoundEffect) -> bool:
     """Return whether one of the hidden waves has the cycles a turn that a finding reports."""
-    orders = np.atleast_1d(np.array(hidden.parameters.get("orders", ()), float))
+    of_formula = _kind_of(hidden).formula_numbers(hidden.parameters)[:1]
+    orders = np.atleast_1d(np.array(hidden.parameters.get("orders", of_formula), float))
     return bool(np.any(np.abs(orders - (cycles_of(found) or 0.0)) < _SAME_ORDER))
 
 

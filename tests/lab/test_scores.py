@@ -556,6 +556,14 @@ def claims(what, said, kind="single"):
     return found
 
 
+@pytest.mark.parametrize(("cycles", "right"), [(3.0, True), (3.02, True), (7.0, False)])
+@pytest.mark.parametrize("line", ["periodic_error", "gear_line"])
+def test_a_line_is_right_if_it_has_the_hidden_cycles(line, cycles, right):
+    said = verdict(named(Name(line, "joint 2"), k=(cycles, 0.1)))
+    case = trial("outside", (HIDDEN_THIRD,), said)
+    assert [each.right for each in case.claims() if each.of == "name"] == [right]
+
+
 def test_probabilities_are_held_against_what_is_hidden():
     said = claims((DISK,), named(WAVE, DISK, ELLIPSE))
     assert [right for _, right in said["name"]] == [False]
