@@ -190,6 +190,18 @@ def test_couplings_that_cannot_be_meant_are_refused(coupling, said):
     assert all((error.allowed, error.remedy))
 
 
+@pytest.mark.parametrize(("key", "most"), [("mm_per_turn", 1000.0), ("factor", 1000.0 / 360.0)])
+def test_the_steepest_screw_is_the_same_in_both_units(key, most):
+    def arm(size):
+        stated = [{"joint": 3, "by": 4, key: size}]
+        return parse_arm({"name": "mine", "rows": QUILL, "coupling": stated}, where="mine.yaml")
+
+    again = parse_arm(yaml.safe_load(arm_text(arm(most))), where="again")
+    assert again.coupled[0].factor == pytest.approx(arm(most).coupled[0].factor)
+    with pytest.raises(ArmError, match="none that couples"):
+        arm(1.01 * most)
+
+
 def test_keys_of_a_coupling_are_those_documented():
     with pytest.raises(SettingsError, match="factors"):
         parse_arm(

@@ -289,6 +289,14 @@ def test_load_cases_are_the_loads_by_rising_load_and_all_together():
         rows_of_load(states, "33N")
 
 
+def test_loads_of_one_name_are_one_load_case():
+    loads_N = np.array([0.0, -0.0, 44.482216, 44.482221])
+    states = at_rest(np.zeros((4, 6)), load_N=loads_N)
+    assert load_cases(states) == ("0N", "44.4822N", "combined")
+    assert rows_of_load(states, "0N").tolist() == [True, True, False, False]
+    assert rows_of_load(states, "44.4822N").tolist() == [False, False, True, True]
+
+
 def test_load_cases_of_a_group_are_those_of_every_campaign():
     loads_N, campaign = np.array([0.0, 44.0, 0.0, 22.0]), np.array([0, 0, 1, 1])
     states = at_rest(np.zeros((4, 6)), load_N=loads_N, campaign=campaign)

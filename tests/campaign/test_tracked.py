@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 
 import numpy as np
@@ -9,10 +10,13 @@ import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
 
+from made_up_poses import at_rest
 from mended import simulated
 from pa10cal.campaign.read import POSES_TO_SEARCH, read_campaign, repeatability_mm
+from pa10cal.campaign.tracked import _notes_on_torques
 from pa10cal.discovery.blocked_cv.survey import LEAST_FOR_BLOCKS
 from pa10cal.errors import Pa10calError
+from pa10cal.files.arms import parse_arm
 from spoiling import ingest, replace, with_columns
 
 
@@ -198,6 +202,13 @@ def spoil_numbers(lines):
     lines.append(lines[5])
 
 
+def measure_again(lines):
+    """A reading that failed counts once with the one that took its place."""
+    lines.append(lines[3])
+    replace(lines, len(lines) - 1, "time_s", "9999.0")
+    replace(lines, 3, "x_mm", "")
+
+
 def cut(lines):
     del lines[30:]
 
@@ -218,6 +229,7 @@ BEYOND = (
         (None, cut, ()),
         (34, list, ()),
         (34, spoil_numbers, ()),
+        (34, measure_again, ()),
         (34, cut, (MISSING,)),
         (30, list, (BEYOND,)),
     ],
@@ -227,6 +239,32 @@ def test_a_log_is_counted_against_what_the_campaign_states(tracked, stated, spoi
         tracked.description["configurations"] = stated
     spoil(tracked.poses)
     assert ingest(tracked).warnings == said
+
+
+def test_loads_of_one_name_are_one(tracked):
+    column = tracked.poses[0].split(",").index("load_N")
+    for k in range(1, len(tracked.poses)):
+        if float(tracked.poses[k].split(",")[column]) == 0.0:
+            replace(tracked.poses, k, "load_N", ("-0.0", "0")[k % 2])
+        else:
+            replace(tracked.poses, k, "load_N", ("22.000001", "21.999999")[k % 2])
+    found_N = ingest(tracked).observations.states.load_N
+    assert sorted(set(map(str, found_N))) == ["0.0", "22.0"]
+
+
+def test_temperatures_that_some_rows_lack_are_told(tracked):
+    with_columns(tracked.poses, {"temperature_C": 22.5})
+    replace(tracked.poses, 3, "temperature_C", "")
+    assert "temperature_C is blank in 1 of 34 rows" in ingest(tracked).notes
+
+
+def test_logged_torques_of_an_arm_with_a_follower_are_told_to_be_unused():
+    rows = [{"a_m": 0.3, "alpha_deg": 90.0}, {"a_m": 0.5}, {"a_m": 0.4, "alpha_deg": -90.0}]
+    follows = [{"joint": 3, "by": 2, "factor": 1, "follows": True}]
+    arm = parse_arm({"name": "mine", "rows": rows, "coupling": follows}, where="mine.yaml")
+    tau_Nm = arm.coupling.beside_joints(np.ones((4, 2)))
+    (said,) = _notes_on_torques(dataclasses.replace(at_rest(np.zeros((4, 3))), tau_Nm=tau_Nm), arm)
+    assert said == "logged torques are not used: there is none of joint 3 (follows: true)"
 
 
 def test_touches_are_counted_likewise(raw_campaign):

@@ -133,6 +133,14 @@ def test_whole_counts_of_encoders_are_as_uncertain_as_their_rounding(tmp_path):
         counts = np.round(np.array(words[first : first + 6], dtype=float) * 4096 / 360.0)
         words[first : first + 6] = [f"{count * 360.0 / 4096:.5f}" for count in counts]
         raw.poses[k] = ",".join(words)
+    finer = f"{float(words[first]) + 360.0 / 8192:.5f}"
+    last, words[first] = raw.poses[-1], finer
+    raw.poses[-1] = ",".join(words)
+    told = [note.partition(" deg")[0] for note in ingest(raw).notes if "whole counts" in note]
+    assert len(told) == 2
+    assert told[0].startswith("q1: positions are whole counts of encoders (8192 a turn)")
+    assert told[1].startswith("q2, q3, q4, q5, q6: positions are whole counts of encoders (4096 a")
+    raw.poses[-1] = last
     found = ingest(raw)
     np.testing.assert_allclose(found.observations.log.q_u_stated, np.radians(u_deg))
     assert any("whole counts of encoders (4096 a turn)" in note for note in found.notes)

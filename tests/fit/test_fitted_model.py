@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 from dataclasses import replace
 from hashlib import sha256
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,11 +14,13 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from made_up_model import fitted, fitted_to, postures, vocabulary
+from made_up_poses import at_rest, measured_poses
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.statics import PoseStates
 from pa10cal.errors import ModelError, TermError
 from pa10cal.files.arms import arm_names, load_arm
 from pa10cal.fit.covariance_file import covariance_beside, write_covariance
+from pa10cal.fit.fitted import FittedTo
 from pa10cal.fit.fitted_model import (
     SCHEMA,
     FittedModel,
@@ -98,6 +101,24 @@ def test_parameters_are_a_table_as_readers_know_them():
     assert (table["std"] >= 0.0).all()
     assert "transmission_error" in model._repr_html_()
     assert replace(model, covariance=None).parameters["std"].isna().all()
+
+
+def test_a_fit_is_told_with_the_temperatures_that_were_logged():
+    states = at_rest(np.zeros((3, 6)), temperature_C=np.array([20.0, np.nan, 24.0]))
+    poses = measured_poses(
+        ["A", "B", "C"], states, np.tile(np.eye(4), (3, 1, 1)), np.ones((3, 6, 6))
+    )
+    health = SimpleNamespace(grade="good", line="", findings=(), outliers_show="")
+    campaign = SimpleNamespace(name="mine", provenance="made up")
+    found = FittedTo.of(poses, "combined", health, campaign)
+    assert (found.temperature_C, found.temperature_std_C) == (22.0, 2.0)
+
+
+def test_the_nominal_arm_is_of_no_fit():
+    model = replace(fitted("ur10", 15, links_only), fitted_to=fitted_to("mine"))
+    assert "good" in repr(model)
+    assert "good" not in repr(model.nominal())
+    assert model.nominal().discrepancy is None
 
 
 def test_nominal_geometry_is_predicted_by_the_nominal_chain():

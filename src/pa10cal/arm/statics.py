@@ -18,6 +18,11 @@ from pa10cal.arrays import Array, Mask, Rows, take_rows
 from pa10cal.errors import ArmError
 
 
+def loads_as_named(load_N: Array) -> Array:
+    """Return loads (P,) as results name them, `44.4822N`: of six digits, and no minus zero."""
+    return np.array([float(f"{load:g}") + 0.0 for load in load_N.tolist()])
+
+
 @dataclass(frozen=True)
 class CarriedWeights:
     """What each link of an arm carries in P poses, and where, to compute loads of other weights."""

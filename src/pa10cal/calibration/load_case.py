@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from pa10cal.arm.description import Arm
-from pa10cal.arm.statics import Payload, PoseStates
+from pa10cal.arm.statics import Payload, PoseStates, loads_as_named
 from pa10cal.arrays import Array, Mask
 from pa10cal.calibration.fit_summary import FitSummary
 from pa10cal.calibration.options import CalibrationOptions
@@ -55,10 +55,11 @@ def load_cases(states: PoseStates) -> tuple[str, ...]:
     Of a group, loads under which every campaign was measured: the others leave open where the
     instruments of some campaigns stood.
     """
-    loads_N = np.unique(states.load_N)
+    load_N = loads_as_named(states.load_N)
+    loads_N = np.unique(load_N)
     if states.campaign is not None:
         for number in np.unique(states.campaign):
-            loads_N = np.intersect1d(loads_N, states.load_N[states.campaign == number])
+            loads_N = np.intersect1d(loads_N, load_N[states.campaign == number])
     return (*(f"{load:g}N" for load in loads_N), COMBINED)
 
 
@@ -68,7 +69,7 @@ def rows_of_load(states: PoseStates, load: str) -> Mask:
     Raises:
         CalibrationError: when none does, or none of some campaign of a group.
     """
-    labels = np.array([f"{value:g}N" for value in states.load_N])
+    labels = np.array([f"{value:g}N" for value in loads_as_named(states.load_N)])
     rows = np.ones(len(labels), dtype=bool) if load == COMBINED else labels == load
     campaign = np.zeros(len(labels)) if states.campaign is None else states.campaign
     if not np.array_equal(np.unique(campaign[rows]), np.unique(campaign)):

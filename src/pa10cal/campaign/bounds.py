@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arm.description import Arm
+from pa10cal.arm.statics import loads_as_named
 from pa10cal.arrays import Array, Mask
 from pa10cal.campaign.column_map import UNIT_WORDS
 from pa10cal.campaign.raw_rows import RawRows
@@ -221,8 +222,12 @@ def whole(raw: RawRows, name: str, arm: Arm) -> RawRows:
 
 
 def labelled(raw: RawRows, arm: Arm) -> RawRows:
-    """Quarantine rows that lack a label, a load or the number of the repeat."""
+    """Quarantine rows that lack a label, a load or the number of the repeat.
+
+    Loads of one name become one load.
+    """
     raw = whole(within_bounds(raw, ["load_N"], arm), "repeat", arm)
+    raw = raw.with_columns({"load_N": loads_as_named(raw["load_N"])})
     return raw.take(raw.text_of("pose") != "", "the pose has no label")
 
 

@@ -17,6 +17,7 @@ from scipy.spatial import cKDTree
 
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
+from pa10cal.arm.statics import loads_as_named
 from pa10cal.arrays import Array, Index, Mask, spread
 from pa10cal.campaign.bounds import BEYOND_LIMITS
 from pa10cal.campaign.nominal_fit import placed_by_points
@@ -92,7 +93,9 @@ def with_labels(raw: RawRows, q: Sequence[str], same_deg: float) -> RawRows:
         raw.columns["pose"] = np.empty(len(order), dtype=object)
         raw.columns["pose"][order] = labels(same_commands(table[order, 2:], same_deg))
     if "repeat" not in raw.columns:
-        keys = pd.DataFrame({"pose": raw.text_of("pose"), "load": table[:, 1]}).iloc[order]
+        keys = pd.DataFrame(
+            {"pose": raw.text_of("pose"), "load": loads_as_named(table[:, 1])}
+        ).iloc[order]
         counted = keys.groupby(["pose", "load"], sort=False).cumcount().to_numpy() + 1.0
         raw.columns["repeat"] = np.empty(len(order))
         raw.columns["repeat"][order] = counted

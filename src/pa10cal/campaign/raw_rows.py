@@ -14,6 +14,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from pa10cal.arm.statics import loads_as_named
 from pa10cal.arrays import Array, Index, Mask
 from pa10cal.campaign.column_map import CONTRACT_COLUMNS, ColumnMap
 from pa10cal.errors import RawDataError
@@ -257,7 +258,8 @@ class Exclusions:
             poses = raw.text_of("pose")
             excluded = poses == reading["label" if reading["label"] in poses else "bare"]
             for name, value in numbers.items():
-                excluded &= raw[name] == value
+                same = loads_as_named if name == "load_N" else np.asarray
+                excluded &= same(raw[name]) == same(np.array([value]))
             raw = self._without(raw, excluded, number, why)
         return raw
 

@@ -10,8 +10,8 @@ import numpy as np
 
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
-from pa10cal.arm.statics import PoseStates
-from pa10cal.arrays import Array
+from pa10cal.arm.statics import PoseStates, loads_as_named
+from pa10cal.arrays import Array, Index
 from pa10cal.campaign import screens
 from pa10cal.campaign.bounds import labelled, outside_bounds, unwrapped, within_bounds
 from pa10cal.campaign.conventions import arm_of_log, without_turns
@@ -32,7 +32,7 @@ from pa10cal.campaign.joint_positions import (
     with_labels,
 )
 from pa10cal.campaign.raw_file import RawFile
-from pa10cal.campaign.raw_rows import Exclusions, Ingested, RawRows, quarantined
+from pa10cal.campaign.raw_rows import Exclusions, Ingested, Quarantined, RawRows, quarantined
 from pa10cal.campaign.screens import refuse_too_many
 from pa10cal.campaign.tracked_screens import Screen
 from pa10cal.campaign.two_logs import TwoLogs
@@ -65,74 +65,87 @@ def read_tracked(
         [name for name in file.names if not is_base_column(name)]
     )
     exclusions = exclusions_of(description, folder)
-    raw = _usable_rows(file, columns, description, arm, exclusions)
+    read = _read_rows(file, columns, base_names, description, arm)
+    raw = _usable_rows(read, file, columns, base_names, description, arm, exclusions)
     counts_per_turn = _rounded_axes(raw, arm)
-    found = _as_readings(raw, columns, base_names, description, arm, counts_per_turn)
-    # Quarantined rows count as configurations, too, but for exact repeats.
-    unread_count = sum(row.reason != REPEATED for row in raw.quarantined)
-    configuration = raw.configurations
-    first = np.unique(configuration, return_index=True)[1]
+    readings = _as_readings(raw, columns, base_names, description, arm, counts_per_turn)
+    once, again = _first_of_each_configuration(raw, readings, arm)
+    logged_count = len(once) + _configurations_lost(read, raw)
+    listed = [*raw.quarantined, *again]
+    del read
     raw = replace(raw, columns={})  # the readings hold them
-    logged_count = len(first) + unread_count
-    again = np.ones(len(raw), dtype=bool)
-    again[first] = False
-    q_rad = found.states.q_rad
-    elsewhere = again & screens.not_one_command(q_rad, q_rad[first[configuration]], arm.prismatic)
-    once = np.flatnonzero(~again)
-    listed = list(raw.quarantined)
-    listed += quarantined(raw.file, raw.line[again & ~elsewhere], screens.READ_BEFORE)
-    listed += quarantined(raw.file, raw.line[elsewhere], screens.ONE_LABEL, found.pose[elsewhere])
 
     def refuse_too_many_lost() -> None:
         refuse_too_many(listed, raw.totals, options.max_quarantined_fraction, file.words)
 
     refuse_too_many_lost()
-    screen = Screen(columns, arm, file, raw.line[once], found.take(once), listed)
+    screen = Screen(columns, arm, file, raw.line[once], readings.take(once), listed)
     screen.run()
     off = screens.off_command(screen.found.pose, screen.found.states.q_rad, arm.prismatic)
     screen.quarantine(off, screens.OTHER_COMMAND, screen.found.pose[off])
     refuse_too_many_lost()
     corrected = without_instrument_motion(screen.found, str(file.path), screen.T_base_ee)
-    found = _uncertain_as_joints(corrected.readings, Chain.of(arm))
+    readings = _uncertain_as_joints(corrected.readings, Chain.of(arm))
     instrument_notes = description.instrument.type.raw_notes(columns, description.stated)
     notes = [*raw.notes, *_notes_on_rounding(counts_per_turn), *instrument_notes, *corrected.notes]
-    if np.isnan(found.states.tau_Nm).all():
-        notes.append(NO_TORQUES if arm.mass_kg is None else THOSE_OF_MASSES)
+    notes += [*_notes_on_torques(readings.states, arm), *_notes_on_temperatures(readings.states)]
     warnings = [
         *screens.count_warnings(description.configurations, logged_count, raw.file),
         *screen.warnings,
         *corrected.warnings,
         *file.words.contradicted_units(raw.file),
     ]
-    absent = sorted(set(description.tool.balls_mm) - set(found.measured.target_names))
-    unplaced = sorted(set(found.measured.target_names) - set(description.tool.balls_mm))
+    absent = sorted(set(description.tool.balls_mm) - set(readings.measured.target_names))
+    unplaced = sorted(set(readings.measured.target_names) - set(description.tool.balls_mm))
     if absent and unplaced:
         warnings.append(
             f"campaign.yaml: tool.balls_mm states {', '.join(absent)}, and the columns are of "
             f"{', '.join(unplaced)}: if these are the same targets, rename them in tool.balls_mm "
             "or in the columns"
         )
-    return Ingested(found, tuple(listed), tuple(notes), tuple(warnings), "time_s" in file.names)
+    return Ingested(readings, tuple(listed), tuple(notes), tuple(warnings), "time_s" in file.names)
+
+
+def _optional_columns(measured: RawColumns, base_names: tuple[str, ...], arm: Arm) -> list[str]:
+    """Return the columns, beside `kind` and torques, that a file may lack."""
+    q = position_columns(arm.axes_slide)
+    lengths = [*measured.names, *base_columns(base_names)]
+    return ["temperature_C", *(f"u_{name}" for name in (*q, *_torque_columns(q), *lengths))]
+
+
+def _read_rows(
+    file: RawFile | TwoLogs,
+    measured: RawColumns,
+    base_names: tuple[str, ...],
+    description: CampaignDescription,
+    arm: Arm,
+) -> RawRows:
+    """Read the rows of a file; `measured` are the columns of what was measured of the arm."""
+    q = position_columns(arm.axes_slide)
+    labelling = ["pose", "load_N", "repeat", *(["kind"] if description.holdout is None else [])]
+    required = ["time_s", *labelling, *q, *measured.names, *base_columns(base_names)]
+    optional = _optional_columns(measured, base_names, arm)
+    return file.read(required, ["kind", *optional], _torque_columns(q))
 
 
 def _usable_rows(
+    raw: RawRows,
     file: RawFile | TwoLogs,
     measured: RawColumns,
+    base_names: tuple[str, ...],
     description: CampaignDescription,
     arm: Arm,
     exclusions: Exclusions,
 ) -> RawRows:
-    """Read the rows of a file, in order of time; those that cannot be used are quarantined.
+    """Return the rows of a file in order of time; those that cannot be used are quarantined.
 
     `measured` are the columns of what was measured of the arm.
     """
-    instrument, on_base = description.instrument.type, base_columns(base_target_names(file.names))
+    instrument, on_base = description.instrument.type, base_columns(base_names)
     q = position_columns(arm.axes_slide)
     tau = _torque_columns(q)
-    labelling = ["pose", "load_N", "repeat", *(["kind"] if description.holdout is None else [])]
     lengths = [*measured.names, *on_base]
-    optional = ["temperature_C", *(f"u_{name}" for name in (*q, *tau, *lengths))]
-    raw = file.read(["time_s", *labelling, *q, *lengths], ["kind", *optional], tau)
+    optional = _optional_columns(measured, base_names, arm)
     # Before rows are judged, so that one that is excluded cannot be quarantined for something else.
     raw = exclusions.labels(exclusions.lines(raw))
     if "kind" not in raw.columns:
@@ -157,6 +170,43 @@ def _usable_rows(
     raw = exclusions.labels(with_labels(raw, q, description.repeat_tolerance_deg))
     exclusions.refuse_missed(raw.file)
     return labelled(raw, arm).in_time()
+
+
+def _first_of_each_configuration(
+    raw: RawRows, readings: Observations, arm: Arm
+) -> tuple[Index, tuple[Quarantined, ...]]:
+    """Return the rows (C,) that are the first of their configuration, and list the others."""
+    configuration = raw.configurations
+    first = np.unique(configuration, return_index=True)[1]
+    again = np.ones(len(raw), dtype=bool)
+    again[first] = False
+    q_rad = readings.states.q_rad
+    elsewhere = again & screens.not_one_command(q_rad, q_rad[first[configuration]], arm.prismatic)
+    return np.flatnonzero(~again), (
+        *quarantined(raw.file, raw.line[again & ~elsewhere], screens.READ_BEFORE),
+        *quarantined(raw.file, raw.line[elsewhere], screens.ONE_LABEL, readings.pose[elsewhere]),
+    )
+
+
+def _configurations_lost(read: RawRows, usable: RawRows) -> int:
+    """Return how many configurations of the readings' file have no usable row.
+
+    A row without readable labels counts as one of its own, and an exact repeat as none.
+    """
+    lost = {
+        row.line for row in usable.quarantined if row.file == usable.file and row.reason != REPEATED
+    }
+    names = [name for name in ("kind", "pose", "repeat") if name in read.columns]
+    if not {"pose", "repeat"} <= set(names):
+        return len(lost)
+
+    def labels(raw: RawRows) -> list[tuple[object, ...]]:
+        columns = [raw[name].tolist() for name in names]
+        return list(zip(loads_as_named(raw["load_N"]).tolist(), *columns, strict=True))
+
+    labelled_rows = read.at(np.flatnonzero(np.isin(read.line, list(lost))))
+    unlabelled_count = len(lost) - len(labelled_rows)
+    return unlabelled_count + len(set(labels(labelled_rows)) - set(labels(usable)))
 
 
 def _torque_columns(q: Sequence[str]) -> list[str]:
@@ -234,15 +284,35 @@ def _rounding_deg(counts_per_turn: float) -> float:
 
 
 def _notes_on_rounding(counts_per_turn: Mapping[int, float]) -> list[str]:
-    """Return a note on axes, from 0, whose positions are whole counts, if there are any."""
-    if not counts_per_turn:
-        return []
-    fewest = min(counts_per_turn.values())
+    """Return a note for each resolution of axes, from 0, whose positions are whole counts."""
+    axes: dict[float, list[str]] = {}
+    for axis, counts in counts_per_turn.items():
+        axes.setdefault(counts, []).append(f"q{axis + 1}")
     return [
-        f"{', '.join(f'q{axis + 1}' for axis in counts_per_turn)}: positions are whole counts of "
-        f"encoders ({fewest:.0f} a turn), and count as uncertain by that rounding, "
-        f"{_rounding_deg(fewest):.2g} deg"
+        f"{', '.join(names)}: positions are whole counts of encoders ({counts:.0f} a turn), and "
+        f"count as uncertain by that rounding, {_rounding_deg(counts):.2g} deg"
+        for counts, names in axes.items()
     ]
+
+
+def _notes_on_torques(states: PoseStates, arm: Arm) -> list[str]:
+    """Return a note where the torques of readings are not those of a log."""
+    logged = np.isfinite(states.tau_Nm)
+    if not logged.any():
+        return [NO_TORQUES if arm.mass_kg is None else THOSE_OF_MASSES]
+    followers = sorted({c.joint for c in arm.coupled if c.follows})
+    if not followers:
+        return []
+    joints = ", ".join(f"joint {joint}" for joint in followers)
+    return [f"logged torques are not used: there is none of {joints} (follows: true)"]
+
+
+def _notes_on_temperatures(states: PoseStates) -> list[str]:
+    """Return a note where some of the readings lack a temperature."""
+    blank = np.isnan(states.temperature_C)
+    if blank.all() or not blank.any():
+        return []
+    return [f"temperature_C is blank in {blank.sum()} of {len(blank)} rows"]
 
 
 def _uncertain_as_joints(found: Observations, chain: Chain) -> Observations:

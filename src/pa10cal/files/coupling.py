@@ -126,10 +126,11 @@ def _factor(entry: StatedCoupling, slides: bool, by_slides: bool, place: str) ->
             remedy="state how far the joint moves for each degree, or mm, of the other, as factor",
         )
     size: float = getattr(entry, stated[0])
-    limit = _STEEPEST_MM if turning else _MOST_FACTOR
     # In the file's units, degrees and millimetres.
-    factor, largest = (size / _TURN_DEG, limit / _TURN_DEG) if turning else (size, limit)
-    if factor == 0.0 or abs(factor) > largest:
+    factor, limit = (size / _TURN_DEG, _STEEPEST_MM) if turning else (size, _MOST_FACTOR)
+    if screw and not turning:
+        limit = _STEEPEST_MM / _TURN_DEG  # of either key, since a screw is stated back by turns
+    if factor == 0.0 or abs(size) > limit:
         raise ArmError(
             f"{stated[0]} is none that couples joints",
             where=place,

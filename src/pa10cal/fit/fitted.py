@@ -45,7 +45,8 @@ class FittedTo(Part):
     calibration: str  # load case: `combined`, `general`, or a load such as `44N`
     instrument: str  # kind of the instrument
     poses: int  # poses fitted
-    temperature_C: float | None  # their mean temperature; None where it was not logged
+    # mean temperature of those whose temperature was logged; None where none was
+    temperature_C: float | None
     time_s: tuple[float, float]  # (2,) first and last of their times
     # of the calibration: `good`, `few_poses`, `incomplete`, `suspect_input` or `not_converged`;
     # empty where not known
@@ -53,7 +54,7 @@ class FittedTo(Part):
     health: str = ""  # the reason, and what to do, in one sentence
     # external loads of the poses, each once; empty where not known
     loads_N: tuple[float, ...] = ()
-    # standard deviation of their temperatures; None where they were not logged
+    # standard deviation of these temperatures; None where none was logged
     temperature_std_C: float | None = Field(None, exclude_if=lambda std_C: std_C is None)
     # (n,) root mean square uncertainty of the joint positions, as stated or by rounding [rad, m];
     # None where it was neither
@@ -68,8 +69,8 @@ class FittedTo(Part):
         cls, poses: Observations, load: str, health: Health, campaign: CampaignIdentity
     ) -> FittedTo:
         """Return the description of a fit by its poses, its load case and its health."""
-        states, temperature_C = poses.states, float(poses.states.temperature_C.mean())
-        logged = np.isfinite(temperature_C)
+        states = poses.states
+        logged_C = states.temperature_C[np.isfinite(states.temperature_C)]
         u_q_rad = None
         if poses.log is not None and (u := poses.log.q_u_stated).any():
             u_q_rad = tuple(np.sqrt(np.mean(u**2, axis=0)).tolist())
@@ -79,8 +80,8 @@ class FittedTo(Part):
             calibration=load,
             instrument=" and ".join(poses.measured.kinds),
             poses=len(poses),
-            temperature_C=temperature_C if logged else None,
-            temperature_std_C=float(states.temperature_C.std()) if logged else None,
+            temperature_C=float(logged_C.mean()) if len(logged_C) else None,
+            temperature_std_C=float(logged_C.std()) if len(logged_C) else None,
             time_s=(float(states.time_s.min()), float(states.time_s.max())),
             u_q_rad=u_q_rad,
             grade=health.grade,
@@ -454,9 +455,10 @@ class Fitted:
         return observations.measured.as_read(T_base_ee, self.T_instr_base, self.targets_off_m)
 
     def nominal(self) -> Self:
-        """Return the nominal arm at the same base."""
+        """Return the nominal arm at the same base: it has no grade, and no uncertainty."""
         rigid = Model(self.model.chain, ())
-        none: dict[str, Any] = dict.fromkeys(("covariance", "falls_back", "otherwise"))
+        of_fit = ("covariance", "fitted_to", "discrepancy", "falls_back", "otherwise")
+        none: dict[str, Any] = dict.fromkeys(of_fit)
         return replace(self, model=rigid, x=np.zeros(0), **none)
 
     def only(self, *terms: Term) -> Self:
