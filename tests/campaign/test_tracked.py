@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from made_up_poses import at_rest
 from mended import simulated
 from pa10cal.campaign.read import POSES_TO_SEARCH, read_campaign, repeatability_mm
-from pa10cal.campaign.tracked import _notes_on_torques
+from pa10cal.campaign.tracked import notes_on_torques
 from pa10cal.discovery.blocked_cv.survey import LEAST_FOR_BLOCKS
 from pa10cal.errors import Pa10calError
 from pa10cal.files.arms import parse_arm
@@ -263,7 +263,7 @@ def test_logged_torques_of_an_arm_with_a_follower_are_told_to_be_unused():
     follows = [{"joint": 3, "by": 2, "factor": 1, "follows": True}]
     arm = parse_arm({"name": "mine", "rows": rows, "coupling": follows}, where="mine.yaml")
     tau_Nm = arm.coupling.beside_joints(np.ones((4, 2)))
-    (said,) = _notes_on_torques(dataclasses.replace(at_rest(np.zeros((4, 3))), tau_Nm=tau_Nm), arm)
+    (said,) = notes_on_torques(dataclasses.replace(at_rest(np.zeros((4, 3))), tau_Nm=tau_Nm), arm)
     assert said == "logged torques are not used: there is none of joint 3 (follows: true)"
 
 

@@ -104,9 +104,9 @@ def mapped():
     )
 
 
-def read_with(tmp_path, logs, of_readings=(), exclude=(), sep=",", **of_joints):
+def read_with(tmp_path, logs, of_readings=(), exclude=(), sep=",", stated=(), **of_joints):
     """Read two logs with further columns mapped."""
-    folder, content = tmp_path / "mine", mapped() | {"exclude": list(exclude)}
+    folder, content = tmp_path / "mine", mapped() | {"exclude": list(exclude)} | dict(stated)
     logs.write(folder, sep=sep)
     content["columns"]["joints"] |= of_joints
     content["columns"]["readings"] |= dict(of_readings)
@@ -158,7 +158,8 @@ def test_a_row_that_cannot_be_read_moves_no_other_row(tmp_path, joint_rows, read
     logs.joints = logs.joints.astype(object)
     logs.joints.iloc[joint_rows, 1] = "lost"
     logs.readings.iloc[reading_rows, 0] = "lost"
-    found = read_with(tmp_path, logs)
+    found = read_with(tmp_path, logs, stated={"configurations": len(logs.q_rad)})
+    assert not any("configurations" in warning for warning in found.warnings)
     kept = np.setdiff1d(np.arange(len(logs.q_rad)), joint_rows + reading_rows)
     np.testing.assert_allclose(found.observations.states.q_rad, logs.q_rad[kept], atol=2e-4)
     reasons = [row.reason for row in found.quarantined]

@@ -88,7 +88,7 @@ def read_tracked(
     readings = _uncertain_as_joints(corrected.readings, Chain.of(arm))
     instrument_notes = description.instrument.type.raw_notes(columns, description.stated)
     notes = [*raw.notes, *_notes_on_rounding(counts_per_turn), *instrument_notes, *corrected.notes]
-    notes += [*_notes_on_torques(readings.states, arm), *_notes_on_temperatures(readings.states)]
+    notes += [*notes_on_torques(readings.states, arm), *_notes_on_temperatures(readings.states)]
     warnings = [
         *screens.count_warnings(description.configurations, logged_count, raw.file),
         *screen.warnings,
@@ -295,7 +295,7 @@ def _notes_on_rounding(counts_per_turn: Mapping[int, float]) -> list[str]:
     ]
 
 
-def _notes_on_torques(states: PoseStates, arm: Arm) -> list[str]:
+def notes_on_torques(states: PoseStates, arm: Arm) -> list[str]:
     """Return a note where the torques of readings are not those of a log."""
     logged = np.isfinite(states.tau_Nm)
     if not logged.any():
