@@ -75,3 +75,15 @@ def test_axes_that_do_not_meet_have_none():
     alpha = load_arm("ur10").alpha_rad.copy()
     alpha[1] = 0.3
     assert branches_of(replace(load_arm("ur10"), alpha_rad=alpha)) is None
+
+
+@pytest.mark.parametrize("name", WITH_BRANCHES)
+def test_no_pose_has_no_branches(name):
+    assert branches_of(load_arm(name))(np.zeros((0, 4, 4))).shape == (0, 8, 6)
+
+
+def test_a_first_axis_parallel_to_the_second_has_none():
+    arm = load_arm("irb120")
+    alpha = arm.alpha_rad.copy()
+    alpha[0] = 0.0
+    assert branches_of(replace(arm, alpha_rad=alpha)) is None

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from made_up_model import fitted, fitted_to, postures, vocabulary
 from pa10cal.arm.chain import Chain
-from pa10cal.errors import ModelError
+from pa10cal.errors import ArmError, ModelError
 from pa10cal.files.arms import arm_names, load_arm
 from pa10cal.fit.fitted import FallBack
 from pa10cal.fit.fitted_model import FittedModel
@@ -328,3 +328,65 @@ def test_lost_motion_counts_unless_the_side_of_arrival_is_given():
     np.testing.assert_allclose(model.predict(q, arrival=others).u_mm, sides[1].u_mm)
     with pytest.raises(ModelError, match="arrival of joint 1, pose 1: no direction of arrival"):
         model.predict(q, arrival=0.5)
+
+
+def irregular():
+    """An arm without a closed form: axis 5 off the wrist's point, axes 2 and 3 not parallel."""
+    arm = load_arm("irb120")
+    return replace(arm, a_m=arm.a_m + 0.05 * np.eye(6)[4], alpha_rad=arm.alpha_rad + 0.4)
+
+
+def as_designed(arm):
+    return FittedModel(Model(Chain.of(arm), ()), np.zeros(0), np.eye(4))
+
+
+@pytest.mark.parametrize("arm", ["ur10", "iiwa14", "irregular"])
+def test_a_seed_that_counts_whole_turns_beyond_the_limits_is_the_same_posture(arm):
+    arm = irregular() if arm == "irregular" else load_arm(arm)
+    turns = np.full((arm.n, 2), [-np.pi, np.pi])
+    model = limited(as_designed(arm), turns if arm.n == 6 else arm.limits_rad)
+    q = np.array([0.3, -1.2, 1.5, 0.4, 0.9, -0.6, 0.5])[: arm.n]
+    T = np.tile(model.predict(q).T, (2, 1, 1))
+    T[1, 0, 3] += 9.0
+    found = model.compensate(T, seed=q + 6.0 * np.pi * np.eye(arm.n)[5])
+    assert (found.status[0], found.branch[0]) == ("ok", "nearest")
+    np.testing.assert_allclose(found.q[0], q, atol=1e-6)
+    assert found.status[1] == "unreachable"
+
+
+@pytest.mark.parametrize("arm", ["gx4_351s", "irregular"])
+def test_without_a_closed_form_a_jump_is_told_and_goes_to_the_nearest(arm):
+    model = as_designed(irregular() if arm == "irregular" else load_arm(arm))
+    q = regular(model, postures(model.arm, 4, 60))[:20]
+    found = model.compensate(model.predict(q).T)
+    jumps = np.abs(np.diff(found.q, axis=0)).max(axis=1) > 0.3
+    assert jumps.sum() > 8
+    np.testing.assert_array_equal(found.branch[1:] == "other", jumps)
+    # No row is further from the row before than the posture that the target was made of.
+    low, high = model.arm.limits_rad.T
+    assert ((q > low) & (q < high)).all()
+    further = np.linalg.norm(np.diff(found.q, axis=0), axis=1)
+    assert (further < np.linalg.norm(q[1:] - found.q[:-1], axis=1) + 1e-6).all()
+
+
+def test_a_target_that_few_drawn_postures_lead_to_is_found():
+    model = as_designed(irregular())
+    q = np.array([-1.334, -1.563, -1.86, 0.889, 1.806, -1.128])
+    assert list(model.compensate(model.predict(q).T).status) == ["ok"]
+
+
+@pytest.mark.parametrize(
+    ("more", "message"),
+    [
+        ({"controller": load_arm("iiwa14")}, "controller: .*iiwa14, is of another robot"),
+        ({"controller": load_arm("irb120")}, "controller: .*irb120, is of another robot"),
+        ({"seed": "abc"}, "seed: not an array of numbers.*abc"),
+        ({"seed": [[0.0, 1.0], [2.0]]}, "seed: not an array of numbers"),
+        ({"T_flange_tcp": "abc"}, "T_flange_tcp: not an array of numbers"),
+        ({"T_flange_tcp": np.eye(3)}, r"T_flange_tcp: not a pose.*\(3, 3\).*: \(4, 4\), a rot"),
+    ],
+)
+def test_what_belongs_to_another_arm_or_is_no_number_is_refused_by_name(more, message):
+    model = as_designed(load_arm("ur10"))
+    with pytest.raises((ArmError, ModelError), match=message):
+        model.compensate(np.eye(4), **more)

@@ -7,7 +7,7 @@ Wen 2024), with up to eight branches. Axes may deviate by rounding: the solution
 search on the calibrated arm.
 
 The arrays of a solution have an axis B of branches: the two values of each further joint double it,
-B to 2 B, and `_pairs` repeats what belongs to the joints before.
+B to 2 B (`_in_one_row`), and `_pairs` repeats what belongs to the joints before.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from pa10cal.arrays import Array
 #: Largest deviation of axes that count as parallel [rad], and as meeting [m].
 _PARALLEL_RAD = 2e-3
 _MEETING_M = 2e-3
-#: Cosine of half the least angle between two branches: a search that started in the singularity
-#: between them would go to neither.
+#: The two angles of a joint are kept at least 0.02 rad apart, this the cosine of half of that. They
+#: are one angle in a singularity, from which a search would go to neither branch.
 _BRANCH_COSINE = float(np.cos(0.01))
 
 
@@ -52,7 +52,9 @@ def branches_of(arm: Arm) -> Callable[[Array], Array] | None:
     joints = frames(chain, zero).T_base_joints[:, 0]
     h, p = joints[:, :3, 2], joints[:, :3, 3]
     T_ee_base = np.linalg.inv(end_pose(chain, zero)[0])
-    if not _parallel(h[1], h[2]):
+    # Parallel to the second, the first axis leaves the plane in which joints 2 and 3 move a point
+    # as it is, and that plane does not give its angle.
+    if not _parallel(h[1], h[2]) or _parallel(h[0], h[1]):
         return None
     wrist = _meeting(h[3:], p[3:])
     if wrist is not None:
@@ -71,16 +73,18 @@ def _with_spherical_wrist(axes: _Axes, T_base_ee: Array) -> Array:
     moved = (T_base_ee @ axes.T_ee_base)[:, None]  # motion of the end from zero joint positions
     R = moved[..., :3, :3]
     centre = _turned(R, p[3]) + moved[..., :3, 3]  # of the wrist; it depends on joints 1 to 3 only
-    q1 = -_onto_plane(h[0], centre - p[0], h[1], h[1] @ (p[3] - p[0]))
+    # Joints 2 and 3 move the centre in a plane, and joint 1 turns that plane with it: turning the
+    # centre back by the negative of its angle brings it into the plane of zero joint positions.
+    q1 = -_in_one_row(_onto_plane(h[0], centre - p[0], h[1], h[1] @ (p[3] - p[0])))
     v = _about(h[0], -q1, centre - p[0]) + p[0]
     q3 = _at_distance(h[2], p[3] - p[2], p[2] - p[1], np.linalg.norm(v - p[1], axis=-1))
-    q1, v, q3 = _pairs(q1, q3), _pairs(v, q3), q3.reshape(len(q3), -1)
+    q1, v, q3 = _pairs(q1), _pairs(v), _in_one_row(q3)
     q2 = _between(h[1], _about(h[2], q3, p[3] - p[2]) + p[2] - p[1], v - p[1])
     R_123 = _rotation(h[0], q1) @ _rotation(h[1], q2) @ _rotation(h[2], q3)
     wrist = np.swapaxes(R_123, -1, -2) @ R
     q5 = _onto_plane(h[4], h[5], h[3], _turned(wrist, h[5]) @ h[3])
-    q1, q2, q3, wrist = (_pairs(each, q5) for each in (q1, q2, q3, wrist))
-    q5 = q5.reshape(len(q5), -1)
+    q1, q2, q3, wrist = (_pairs(each) for each in (q1, q2, q3, wrist))
+    q5 = _in_one_row(q5)
     q4 = _between(h[3], _about(h[4], q5, h[5]), _turned(wrist, h[5]))
     across = _across(h[5])
     rest = np.swapaxes(_rotation(h[3], q4) @ _rotation(h[4], q5), -1, -2) @ wrist
@@ -94,11 +98,11 @@ def _with_three_parallel(axes: _Axes, T_base_ee: Array) -> Array:
     moved = (T_base_ee @ axes.T_ee_base)[:, None]
     R = moved[..., :3, :3]
     centre = _turned(R, p[4]) + moved[..., :3, 3]
-    q1 = -_onto_plane(h[0], centre - p[0], h[1], h[1] @ (p[4] - p[0]))
+    # As above: joints 2 to 4 move the centre in a plane, which joint 1 turns.
+    q1 = -_in_one_row(_onto_plane(h[0], centre - p[0], h[1], h[1] @ (p[4] - p[0])))
     R_rest = np.swapaxes(_rotation(h[0], q1), -1, -2) @ R
     q5 = _onto_plane(h[4], h[5], h[1], _turned(R_rest, h[5]) @ h[1])
-    q1, R_rest = _pairs(q1, q5), _pairs(R_rest, q5)
-    q5 = q5.reshape(len(q5), -1)
+    q1, R_rest, q5 = _pairs(q1), _pairs(R_rest), _in_one_row(q5)
     back = np.swapaxes(R_rest, -1, -2)
     q6 = -_between(h[5], _about(h[4], -q5, h[1]), _turned(back, h[1]))
     R_56 = _rotation(h[4], q5) @ _rotation(h[5], q6)
@@ -109,38 +113,34 @@ def _with_three_parallel(axes: _Axes, T_base_ee: Array) -> Array:
     fourth = centre + _turned(R @ np.swapaxes(R_56, -1, -2), p[3] - p[4])
     v = _about(h[0], -q1, fourth - p[0]) + p[0]
     q3 = _at_distance(h[2], p[3] - p[2], p[2] - p[1], np.linalg.norm(v - p[1], axis=-1))
-    q1, q5, q6, v, sum_234 = (_pairs(each, q3) for each in (q1, q5, q6, v, sum_234))
-    q3 = q3.reshape(len(q3), -1)
+    q1, q5, q6, v, sum_234 = (_pairs(each) for each in (q1, q5, q6, v, sum_234))
+    q3 = _in_one_row(q3)
     q2 = _between(h[1], _about(h[2], q3, p[3] - p[2]) + p[2] - p[1], v - p[1])
     q4 = (sum_234 - q2 - np.sign(h[1] @ h[2]) * q3) * np.sign(h[1] @ h[3])
     return _within_turn(np.stack([q1, q2, q3, q4, q5, q6], axis=-1))
 
 
 def _onto_plane(k: Array, p: Array, h: Array, d: Array | float) -> Array:
-    """Return both angles about k that rotate p (P, B, 3) into the plane h · p = d.
+    """Return both angles (P, B, 2) about k that rotate p (P, B, 3) into the plane h · p = d.
 
     Where none does, both rotate it as near to that plane as possible.
-
-    Returns:
-        (P, B, 2), or (P, 2) for B = 1.
     """
     cos, sin = p @ h - (p @ k) * (h @ k), np.cross(k, p) @ h
     return _both_angles(cos, sin, d - (p @ k) * (h @ k))
 
 
 def _at_distance(k: Array, p: Array, a: Array, d: Array) -> Array:
-    """Return both angles about k at which |a + rotated p| = d (P, B), shaped as `_onto_plane`."""
+    """Return both angles (P, B, 2) about k at which |a + rotated p| = d (P, B)."""
     cos, sin = p @ a - (p @ k) * (a @ k), np.cross(k, p) @ a
     return _both_angles(cos, sin, (d**2 - a @ a - p @ p) / 2.0 - (p @ k) * (a @ k))
 
 
 def _both_angles(cos: Array, sin: Array, value: Array | float) -> Array:
-    """Solve `cos` cos(x) + `sin` sin(x) = value (P, B) for both x, shaped as `_onto_plane`."""
+    """Solve `cos` cos(x) + `sin` sin(x) = value (P, B) for both x, (P, B, 2)."""
     size = np.maximum(np.hypot(cos, sin), np.finfo(float).tiny)
     half = np.arccos(np.clip(value / size, -_BRANCH_COSINE, _BRANCH_COSINE))
     middle = np.broadcast_to(np.arctan2(sin, cos), half.shape)
-    both = np.stack([middle + half, middle - half], axis=-1)
-    return both[:, 0] if both.shape[1] == 1 else both
+    return np.stack([middle + half, middle - half], axis=-1)
 
 
 def _between(k: Array, p: Array, q: Array) -> Array:
@@ -150,9 +150,14 @@ def _between(k: Array, p: Array, q: Array) -> Array:
     return np.asarray(np.arctan2(sin, cos))
 
 
-def _pairs(values: Array, angles: Array) -> Array:
-    """Return values (P, B, ...), each twice where the next joint has two angles (P, B, 2)."""
-    return np.repeat(values, 2, axis=1) if angles.ndim == 3 else values
+def _in_one_row(angles: Array) -> Array:
+    """Return both angles (P, B, 2) of each branch as those of twice as many branches (P, 2 B)."""
+    return angles.reshape(len(angles), 2 * angles.shape[1])
+
+
+def _pairs(values: Array) -> Array:
+    """Return values (P, B, ...), each twice: once for each angle of the next joint."""
+    return np.repeat(values, 2, axis=1)
 
 
 def _rotation(k: Array, angle: Array) -> Array:

@@ -33,6 +33,8 @@ _Visitor = Callable[[int, list[Array], Array], None]
 
 #: Number and random seed of the postures in which two arms are compared.
 _POSTURES, _SEED = 300, 20080427
+#: Largest distance of a calibrated arm from the arm as designed: mean over all postures, and angle.
+_NEAR_M, _NEAR_RAD = 0.02, 0.1
 
 
 def roll_pitch_yaw(R: Array) -> Array:
@@ -375,6 +377,32 @@ def mean_distance(first: Arm, other: Arm) -> tuple[float, float, float]:
     q = np.random.default_rng(_SEED).uniform(low, high, (_POSTURES, first.n))
     off_m, off_rad = pose_distances(*(Chain.of(arm).forward(q) for arm in (first, other)))
     return float(off_m.mean()), float(off_m.max()), float(off_rad.max())
+
+
+def refuse_another_robot(arm: Arm, other: Arm, where: str) -> None:
+    """Refuse a model of a controller that is of another robot than its arm.
+
+    Raises:
+        ArmError: when joints, base or flange differ.
+    """
+    if (arm.n, arm.prismatic.tolist()) != (other.n, other.prismatic.tolist()):
+        difference = f"{other.n} joints, and {arm.n} of {arm.name}, or others of them slide"
+    else:
+        mean_m, _, most_rad = mean_distance(arm, other)
+        if mean_m <= _NEAR_M and most_rad <= _NEAR_RAD:
+            return
+        difference = (
+            f"{1e3 * mean_m:.0f} mm in the mean of all postures, {most_rad:.2f} rad at most from "
+            f"{arm.name}"
+        )
+    raise ArmError(
+        f"the model of the controller, {other.name}, is of another robot, base or flange",
+        where=where,
+        value=difference,
+        allowed=f"the same joints, base and flange, within {1e3 * _NEAR_M:g} mm and "
+        f"{_NEAR_RAD:g} rad",
+        remedy="name the description of this robot as its maker measured it",
+    )
 
 
 def carried_frames(chain: Chain, coordinates: Array) -> tuple[Array, Array]:

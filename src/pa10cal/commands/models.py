@@ -331,7 +331,7 @@ def compensate(
     outcome = ", ".join(f"{count} {word}" for word, count in zip(words, counts, strict=True))
     other_branch = int(np.count_nonzero(found.branch == "other"))
     if other_branch:
-        outcome += f"; {other_branch} on another branch than the nearest"
+        outcome += f"; {other_branch} on another branch, far from the row before or the seed"
     outcome += notes_on(fitted) + unused_columns(targets, listed)
     print(f"{out}: {len(found)} targets of the {frame} of {arm.name}: {outcome}")
     for line in assumptions(fitted, conditions):
@@ -347,8 +347,8 @@ def _controller_arm(arm: Arm, controller: str | None, *, needed: bool) -> Arm | 
 
     None if neither is known; that is refused where it is needed.
     """
+    from pa10cal.arm.chain import refuse_another_robot
     from pa10cal.files.arms import arm_asked
-    from pa10cal.files.controller import refuse_another_robot
     from pa10cal.fit.fitted import unknown_controller
 
     if controller is not None:

@@ -12,14 +12,10 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
 
-from pa10cal.arm.chain import mean_distance
+from pa10cal.arm.chain import refuse_another_robot
 from pa10cal.arm.description import Arm, Controller
-from pa10cal.errors import ArmError
 from pa10cal.files.arms import load_arm, maker_calibration
 from pa10cal.options import Section
-
-#: Largest distance of a calibrated arm from the arm as designed: mean over all postures, and angle.
-_NEAR_M, _NEAR_RAD = 0.02, 0.1
 
 
 def _switch(value: Any) -> Any:
@@ -74,32 +70,6 @@ def controller_of(
     if other is not None:
         refuse_another_robot(arm, other, where)
     return Controller(on, known, other)
-
-
-def refuse_another_robot(arm: Arm, other: Arm, where: str) -> None:
-    """Refuse a model of a controller that is of another robot than its arm.
-
-    Raises:
-        ArmError: when joints, base or flange differ.
-    """
-    if (arm.n, arm.prismatic.tolist()) != (other.n, other.prismatic.tolist()):
-        difference = f"{other.n} joints, and {arm.n} of {arm.name}, or others of them slide"
-    else:
-        mean_m, _, most_rad = mean_distance(arm, other)
-        if mean_m <= _NEAR_M and most_rad <= _NEAR_RAD:
-            return
-        difference = (
-            f"{1e3 * mean_m:.0f} mm in the mean of all postures, {most_rad:.2f} rad at most from "
-            f"{arm.name}"
-        )
-    raise ArmError(
-        f"the model of the controller, {other.name}, is of another robot, base or flange",
-        where=where,
-        value=difference,
-        allowed=f"the same joints, base and flange, within {1e3 * _NEAR_M:g} mm and "
-        f"{_NEAR_RAD:g} rad",
-        remedy="name the description of this robot as its maker measured it",
-    )
 
 
 def controller_notes(controller: Controller | None, arm: Arm) -> tuple[str, ...]:

@@ -4,7 +4,8 @@ Newton's search by the model with all terms, damped in proportion to the square 
 (Sugihara 2011), all poses at once. Where the branches of the arm as designed are known in closed
 form, it starts from the nearest; else from the pose before, and at last from postures drawn within
 the joint limits. Each pose then gets a status: reached, beyond limits, near a singularity or out of
-reach. Positions are those of the m axes that the controller counts, see `arm.coupling`.
+reach, so far as was found. Positions are those of the m axes that the controller counts, see
+`arm.coupling`.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pa10cal.arm.branches import branches_of
-from pa10cal.arm.chain import Chain
+from pa10cal.arm.chain import Chain, refuse_another_robot
 from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index, Mask
@@ -46,9 +47,9 @@ _BY_GEOMETRY, _EXACT, _CLOSE = (30, 4), (40, 6), 1e-2
 _OUTSIDE, _AWAY = 1e4, 1e6
 #: Joint positions beyond a limit by less count as within [rad, m] (computing).
 _AT_LIMIT = 1e-9
-#: Postures drawn where nothing better is known; first and largest block of rows that are searched
-#: at once along a path (computing).
-_DRAWN, _FIRST_BLOCK, _LARGEST_BLOCK = 48, 4, 512
+#: Postures drawn where nothing better is known, and more before a pose counts as out of reach;
+#: first and largest block of rows that are searched at once along a path (computing).
+_DRAWN, _DRAWN_MORE, _FIRST_BLOCK, _LARGEST_BLOCK = 48, 192, 4, 512
 _TURN = 2.0 * np.pi
 
 
@@ -73,13 +74,16 @@ def compensate(
     Raises:
         ModelError: when a matrix is not a valid pose, the frame is unknown, or a seed is of another
             arm.
+        ArmError: when the controller computes with another robot.
     """
     _refuse_no_pose(T)
     if T_flange_tcp is None:
         tcp = T_flange_frame(model, frame)
     else:
-        tcp = np.asarray(T_flange_tcp, dtype=float)
-        _refuse_no_pose(tcp[None], "T_flange_tcp")
+        tcp = numbers(T_flange_tcp, "T_flange_tcp")
+        _refuse_no_pose(tcp, "T_flange_tcp")
+    if controller is not None:
+        refuse_another_robot(model.arm, controller, "controller")
     q, other = np.zeros((0, len(model.arm.axes_slide))), np.zeros(0, dtype=bool)
     if len(T):
         q, other = _searched(model, T, frame, given, seed)
@@ -140,14 +144,16 @@ def _judge(
 def _searched(
     model: Fitted, T: Array, frame: str, given: PoseStates, seed: ArrayLike | None
 ) -> tuple[Array, Mask]:
-    """Return joint positions (N, m), and which are on another branch than the nearest.
+    """Return joint positions (N, m), and which are on another branch than the nearest, or a jump.
 
     Where the model falls back to another, they are found by that one.
     """
     seeds, requested = _seeds(model, len(T), seed)
     search = _InverseSearch(Forward.of(model, frame), T, given)
+    # A seed may count whole turns that the limits do not allow: the posture is the same.
+    seeds = search.turned_near(seeds, seeds)
     if search.branches is None:
-        q, other = search.along(seeds)
+        q, other = search.along(seeds, requested)
     else:
         q, other = search.on_branches(seeds, requested)
     if model.falls_back is None:
@@ -163,10 +169,30 @@ def _searched(
     return q, other
 
 
+def numbers(value: ArrayLike, name: str) -> Array:
+    """Return an array of a request; refuse what is none, such as words or rows of unlike length."""
+    try:
+        return np.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        raise ModelError(
+            "not an array of numbers",
+            where=name,
+            value=str(value)[:60],
+            allowed="numbers, in rows of equal length",
+            remedy="give an array, or lists of equal length",
+        ) from None
+
+
 def _refuse_no_pose(T: Array, name: str = "T") -> None:
-    """Refuse anything but an array (N, 4, 4) of homogeneous transforms with proper rotations."""
+    """Refuse anything but homogeneous transforms with proper rotations: T (N, 4, 4), a TCP (4, 4).
+
+    Args:
+        name: what the message calls it.
+    """
+    one = name != "T"
+    T = T[None] if one else T
     where: str = name
-    value: object = T.shape
+    value: object = T.shape[1:] if one else T.shape
     if T.ndim == 3 and T.shape[1:] == (4, 4):
         R = T[:, :3, :3]
         off_orthogonal = np.abs(R @ np.swapaxes(R, 1, 2) - np.eye(3)).max(axis=(1, 2), initial=0.0)
@@ -178,12 +204,13 @@ def _refuse_no_pose(T: Array, name: str = "T") -> None:
         if right.all():
             return
         first = int(np.argmin(right))
-        where, value = f"{name}[{first}]", T[first].tolist()
+        where, value = name if one else f"{name}[{first}]", T[first].tolist()
     raise ModelError(
         "not a pose",
         where=where,
         value=value,
-        allowed="(N, 4, 4), a rotation and a position in metres each, the last row 0, 0, 0, 1",
+        allowed=f"{'(4, 4)' if one else '(N, 4, 4)'}, a rotation and a position in metres each, "
+        "the last row 0, 0, 0, 1",
         remedy="check the orientation: columns are the frame's axes, of length one, the "
         "position beside them; a matrix that is transposed has it in the last row",
     )
@@ -196,7 +223,7 @@ def _seeds(model: Fitted, count: int, seed: ArrayLike | None) -> tuple[Array, Ma
     middle of the range where the user gave none.
     """
     n = len(model.arm.axes_slide)
-    given = np.full(n, np.nan) if seed is None else np.asarray(seed, dtype=float)
+    given = np.full(n, np.nan) if seed is None else numbers(seed, "seed")
     if given.shape not in ((n,), (count, n)):
         raise ModelError(
             "seeds of another arm or of other poses",
@@ -288,11 +315,12 @@ class _InverseSearch:
         # Near reach or limits a branch of the arm as designed may be none of the calibrated one.
         within = self._within_limits(q)
         good = done & within
-        short = np.flatnonzero(~done & within & requested & ~other)
-        if len(short):
-            states = self._states(q[short], short)
-            off = pose_difference(self._forward.T_base_frame(states), self._T[short])
-            good[short] = np.abs(off).max(axis=1) < COMMANDS.kept
+        missed_on_named_branch = np.flatnonzero(~done & within & requested & ~other)
+        if len(missed_on_named_branch):
+            states = self._states(q[missed_on_named_branch], missed_on_named_branch)
+            wanted = self._T[missed_on_named_branch]
+            off = pose_difference(self._forward.T_base_frame(states), wanted)
+            good[missed_on_named_branch] = np.abs(off).max(axis=1) < COMMANDS.kept
         for rank in range(1, near.shape[1]):
             rows = np.flatnonzero(~good & ~branches.out_of_reach[every, order[:, rank]])
             if not len(rows):
@@ -340,7 +368,7 @@ class _InverseSearch:
         reference = seeds[0]
         for row, out_of_reach in enumerate(branches.out_of_reach):
             reference = seeds[row] if seeded[row] else reference
-            near[row] = self._turned_near(branches.q[row], reference)
+            near[row] = self.turned_near(branches.q[row], reference)
             square = ((near[row] - reference) ** 2).sum(axis=1)
             outside = ~self._within_limits(near[row])
             order[row] = np.argsort(square + _OUTSIDE * outside + _AWAY * out_of_reach)
@@ -350,34 +378,49 @@ class _InverseSearch:
                 reference = near[row, first]
         return near, order, other
 
-    def along(self, seeds: Array) -> tuple[Array, Mask]:
+    def along(self, seeds: Array, requested: Mask) -> tuple[Array, Mask]:
         """Search from the seed, or from the row before, in blocks that grow on a smooth path.
 
+        A row jumps where it is further than `COMMANDS.jump_rad` from its reference, which is its
+        seed or else the row before. There, and where the search fails, the nearest of what drawn
+        postures lead to is taken. Of ten rows of which the fourth jumps, the three before it are
+        kept, and the next block begins with the fourth: it jumps again, now as the first of its
+        block, and is searched from drawn postures.
+
+        Args:
+            seeds: (N, m) joint positions, nan where there is none.
+            requested: (N,) for which rows the user named a branch by a seed.
+
         Returns:
-            Joint positions (N, m), and for which a jump was needed.
+            Joint positions (N, m), and which jump from their reference. The first row does not
+            where its seed is none of the user's.
         """
         q, other = seeds.copy(), np.zeros(len(seeds), dtype=bool)
         previous, row, size = seeds[:1], 0, _FIRST_BLOCK
         while row < len(q):
             rows = np.arange(row, min(row + size, len(q)))
-            unseeded = ~np.asarray(np.isfinite(seeds[rows]).all(axis=1))
-            starts = np.where(unseeded[:, None], previous, seeds[rows])
+            seeded = np.isfinite(seeds[rows]).all(axis=1, keepdims=True)
+            starts = np.where(seeded, seeds[rows], previous)
             found, done = self.newton(rows, starts)
-            found = self._turned_near(found, starts)
+            found = self.turned_near(found, starts)
             done &= self._within_limits(found)
-            before = np.vstack([starts[:1], found[:-1]])
-            jumps = unseeded & (np.abs(found - before).max(axis=1) > COMMANDS.jump_rad)
-            jumps[:1] = False
-            # The rows before the first that failed or jumped are kept.
+            before = np.vstack([previous, found[:-1]])
+            jumps = self._jumps(found, np.where(seeded, seeds[rows], before))
+            # How many rows come before the first that failed or jumped.
             kept = int(np.argmax(np.append(~done | jumps, True)))
             if kept == 0:
                 found[0], kept = self._from_drawn(rows[0], starts[0], found[0]), 1
-                other[row] = np.abs(found[0] - starts[0]).max() > COMMANDS.jump_rad
+                other[row] = self._jumps(found[:1], starts[:1])[0]
             q[rows[:kept]] = found[:kept]
             previous = found[kept - 1 : kept]
             size = min(2 * size, _LARGEST_BLOCK) if kept == len(rows) else kept
             row += kept
+        other[:1] &= requested[:1]
         return q, other
+
+    def _jumps(self, q: Array, reference: Array) -> Mask:
+        """Return which joint positions (R, m) are too far from others to be on one path."""
+        return np.asarray(np.abs(q - reference).max(axis=1) > COMMANDS.jump_rad)
 
     def newton(self, rows: Index, starts: Array) -> tuple[Array, Mask]:
         """Search for the poses of some rows from starts (R, m).
@@ -422,7 +465,9 @@ class _InverseSearch:
             done[kept] = _reached(self._arm, off_m, off_rad)[better]
             step = self._step(self._coupling.by_axes(J), off)
             ended = (np.abs(step).max(axis=1) < _DONE) | (size < _DONE)
-            ended |= steps_without_gain[active] > np.where(best[active] < _SETTLED, 1, patience)
+            # Below `_SETTLED` the rounding of the pose is what is left: steps gain no more.
+            at_rounding = best[active] < _SETTLED
+            ended |= steps_without_gain[active] > np.where(at_rounding, 1, patience)
             q[active] += step
             active = active[~ended]
             if not len(active):
@@ -451,16 +496,17 @@ class _InverseSearch:
         step *= np.minimum(1.0, _LARGEST_STEP_RAD / np.maximum(largest, _NO_STEP))
         return np.asarray(step * lever)
 
-    def _turned_near(self, q: Array, reference: Array) -> Array:
+    def turned_near(self, q: Array, reference: Array) -> Array:
         """Return joint positions (R, m) moved by whole turns as near to others as limits allow."""
-        # A turn of one joint is one of its axis, and may move others that are coupled to it.
         near = np.array(q, dtype=float)
         turning = np.flatnonzero(self._turns.any(axis=1))
+        # A turn of one joint may move axes that are coupled to it, those before it in the order
+        # too: the second round brings them near again.
         for k in (*turning, *turning):
             near += np.rint((reference - near)[:, k, None] / _TURN) * self._turns[k]
         for k in turning:
-            near -= (near[:, k, None] > self._high[k]) * self._turns[k]
-            near += (near[:, k, None] < self._low[k]) * self._turns[k]
+            near -= _turns_beyond(near[:, k, None] - self._high[k]) * self._turns[k]
+            near += _turns_beyond(self._low[k] - near[:, k, None]) * self._turns[k]
         return near
 
     def _within_limits(self, q: Array) -> Mask:
@@ -468,15 +514,30 @@ class _InverseSearch:
         return np.asarray(within.all(axis=1))
 
     def _from_drawn(self, row: int, reference: Array, otherwise: Array) -> Array:
-        """Return the positions nearest to a reference that searches from drawn postures find."""
+        """Return the positions nearest to a reference that searches from drawn postures find.
+
+        Where those within a turn about the reference find none, others anywhere within the limits
+        are tried.
+        """
         generator = np.random.default_rng(0)
-        low = np.where(self._full_turn, np.maximum(self._low, reference - np.pi), self._low)
-        high = np.where(self._full_turn, np.minimum(self._high, reference + np.pi), self._high)
+        middle = np.clip(reference, self._low, self._high)
+        low = np.where(self._full_turn, np.maximum(self._low, middle - np.pi), self._low)
+        high = np.where(self._full_turn, np.minimum(self._high, middle + np.pi), self._high)
         starts = np.vstack([reference, generator.uniform(low, high, (_DRAWN, len(low)))])
         found, done = self.newton(np.full(len(starts), row), starts)
+        found = self.turned_near(found, reference)
+        if not (done & self._within_limits(found)).any():
+            starts = generator.uniform(self._low, self._high, (_DRAWN_MORE, len(low)))
+            more, more_done = self.newton(np.full(len(starts), row), starts)
+            found = np.vstack([found, self.turned_near(more, reference)])
+            done = np.append(done, more_done)
         if not done.any():
             return otherwise
-        found = self._turned_near(found, reference)
         square = ((found - reference) ** 2).sum(axis=1)
         outside = ~self._within_limits(found)
         return np.asarray(found[np.argmin(square + _OUTSIDE * outside + _AWAY * ~done)])
+
+
+def _turns_beyond(beyond_rad: Array) -> Array:
+    """Return by how many whole turns to bring back what is so far beyond a limit; 0 if within."""
+    return np.asarray(np.ceil(np.maximum(beyond_rad, 0.0) / _TURN))

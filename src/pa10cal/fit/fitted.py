@@ -192,7 +192,8 @@ class Compensation:
     # (N, m) positions to command [rad, m]; for an unreachable pose those that come nearest
     q: Array
     status: NDArray[np.str_]  # (N,) one of `Status`
-    # (N,) `nearest` to the seed or to the row before, or an `other` branch, far from it
+    # (N,) `nearest` to the seed or to the row before, or an `other` branch, far from it: where all
+    # branches are known, one that is not the nearest; else joints that jump by more than 0.3 rad
     branch: NDArray[np.str_]
     error_mm: Array  # (N,) distance of the model's position at q from the wanted one
     error_deg: Array  # (N,) angle between the model's orientation at q and the wanted one

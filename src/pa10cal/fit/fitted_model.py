@@ -18,7 +18,7 @@ from pa10cal.arm.statics import Payload, PoseStates
 from pa10cal.arrays import Array
 from pa10cal.errors import ModelError, Pa10calError
 from pa10cal.files.output import whole_files
-from pa10cal.fit.compensation import compensate
+from pa10cal.fit.compensation import compensate, numbers
 from pa10cal.fit.covariance_file import (
     checked_covariance,
     covariance_beside,
@@ -153,9 +153,10 @@ class FittedModel(Fitted):
         Args:
             T: (N, 4, 4) or (4, 4) poses wanted of the frame, in the robot's base frame [m].
             seed: (N, m) or (m,) joint positions; of all branches the nearest within the joint
-                limits is taken. A row of nan, and every row but the first where (m,) is given, has
-                the nearest to the row before; without any the first row has the nearest to the
-                middle of the angles that the fit has seen.
+                limits is taken (of those found, where they have no closed form). A row of nan, and
+                every row but the first where (m,) is given, has the nearest to the row before;
+                without any the first row has the nearest to the middle of the angles that the fit
+                has seen.
             frame, load_N, arrival, temperature_C, time_s, extrapolate: see `predict`.
             T_flange_tcp: (4, 4) TCP that the controller holds, in its flange [m]; None for the
                 frame as the model has it (none for the flange).
@@ -163,9 +164,10 @@ class FittedModel(Fitted):
                 the campaign states, else the nominal arm.
 
         Raises:
-            ModelError: when a pose is none, or see `predict`.
+            ModelError: when a pose is none, a seed of another arm, or see `predict`.
+            ArmError: when the controller computes with another robot.
         """
-        wanted = np.asarray(T, dtype=float)
+        wanted = numbers(T, "T")
         wanted = wanted[None] if wanted.ndim == 2 else wanted
         nowhere = np.zeros((len(wanted), self.arm.n))
         of_pose = load_N, arrival, temperature_C, time_s
