@@ -248,8 +248,14 @@ def test_loads_of_one_name_are_one(tracked):
             replace(tracked.poses, k, "load_N", ("-0.0", "0")[k % 2])
         else:
             replace(tracked.poses, k, "load_N", ("22.000001", "21.999999")[k % 2])
-    found_N = ingest(tracked).observations.states.load_N
-    assert sorted(set(map(str, found_N))) == ["0.0", "22.0"]
+    found = ingest(tracked).observations
+    loads_N = found.states.load_N
+    assert sorted(set(map(str, loads_N))) == ["0.0", "22.0"]
+    pose = found.pose[loads_N == 22.0][0]
+    tracked.description["exclude"] = [{"where": f"pose {pose}, 22.000001 N", "why": "bumped"}]
+    excluded = [row.reason for row in ingest(tracked).quarantined]
+    assert set(excluded) == {"excluded: bumped"}
+    assert len(excluded) == ((found.pose == pose) & (loads_N == 22.0)).sum()
 
 
 def test_temperatures_that_some_rows_lack_are_told(tracked):
