@@ -245,6 +245,38 @@ def test_targets_that_move_by_themselves_are_not_used(tmp_path):
     np.testing.assert_array_equal(campaign.observations.measured.stated_covariance, without_cov)
 
 
+@pytest.mark.parametrize("since", [90, 190])
+@pytest.mark.parametrize("base", [1, 3])
+def test_targets_that_are_pushed_far_are_not_used(tmp_path, base, since):
+    raw = written(tmp_path / "c", base=base)
+
+    def pushed(table):
+        table.loc[table.index >= since, [f"{name}_x_mm" for name in BASE[:base]]] += 30.0
+        return table
+
+    spoil(raw, pushed)
+    campaign = read_campaign(raw)
+    (warning,) = campaign.warnings
+    assert "the readings of the arm do not move with them" in warning
+    assert campaign.observations.base is None
+
+
+def test_targets_that_scatter_more_than_stated_are_warned_of(tmp_path):
+    raw = written(tmp_path / "c", disturbances=())
+    rng = np.random.default_rng(1)
+
+    def noisy(table):
+        for name in BASE:
+            table[place(name)] += rng.standard_normal((len(table), 3))
+        return table
+
+    spoil(raw, noisy)
+    campaign = read_campaign(raw)
+    (warning,) = campaign.warnings
+    assert "times as much as stated" in warning
+    assert any("show no motion beyond their scatter of 1.0" in note for note in campaign.notes)
+
+
 def test_blank_fields_are_targets_not_seen(tmp_path):
     raw = written(tmp_path / "c")
 
@@ -272,6 +304,18 @@ def _anew(table):
     return table
 
 
+def _twice_but_once(table):
+    table = _twice(table)
+    table.loc[17, "base3_x_mm"] += 40.0
+    return table
+
+
+def _drifting(table):
+    columns = [name for name in table if name.endswith("_x_mm") and not name.startswith("u_")]
+    table[columns] += np.linspace(0.0, 30.0, len(table))[:, None]
+    return table
+
+
 def _turned(table):
     """Turn the instrument about z by 8 mrad at row 120, after a shift of 3 mm at row 40."""
     targets = [name.removesuffix("_x_mm") for name in table if name.endswith("_x_mm")]
@@ -290,8 +334,10 @@ def _turned(table):
 BAD = [
     (lambda t: t.drop(columns="base2_y_mm"), "points", "base2_y_mm"),
     (_twice, "points", "base1 and base3 are the same target"),
-    (_anew, "points", r"set up anew during the campaign .*moved by 30\..* before pose P091"),
-    (_turned, "points", r"set up anew during the campaign .*8\.\d\d mrad.* before pose P121"),
+    (_twice_but_once, "points", "base1 and base3 are the same target"),
+    (_anew, "points", r"set up anew .*largest step \(30\..* between poses P090 and P091"),
+    (_turned, "points", r"set up anew .*8\.\d\d mrad.* between poses P120 and P121"),
+    (_drifting, "points", r"moved too far .*moved by 30\..*gradually.*warm up"),
     (lambda t: t, "distance", "distance does not see targets on the base"),
 ]
 

@@ -31,6 +31,8 @@ _SAME_M = 1e-3
 _NEW_SETUP_M, _NEW_SETUP_RAD = 0.02, 5e-3
 #: Wrong readings further off than this many stated uncertainties cause a warning.
 _WARNED_SIGMAS = 20.0
+#: Targets whose readings scatter by more than so many times as stated cause a warning.
+_WARNED_NOISE = 3.0
 #: The arm fits worse where the mean gain of the correction is more than so many standard errors
 #: below zero. They come from means over blocks of rows, because neighbouring rows are correlated.
 _SURELY = 4.0
@@ -110,7 +112,8 @@ def without_instrument_motion(readings: Observations, where: str, T_base_ee: Arr
     The motion is not removed where the nominal arm, at T_base_ee (P, 4, 4), fits worse without it.
 
     Raises:
-        RawDataError: when two base targets are one, or the instrument was set up anew.
+        RawDataError: when two base targets are one, or the instrument moved as far as if it was set
+            up anew, and the readings of the arm with it.
     """
     base = readings.base
     if base is None:
@@ -120,18 +123,20 @@ def without_instrument_motion(readings: Observations, where: str, T_base_ee: Arr
         note = f"targets on the base are seen in fewer than {_LEAST_ROWS} configurations: not used"
         return Corrected(replace(readings, base=None), (note,))
     moved = common_motion(readings.states.time_s, base.p_instr_m, base.u_m)
-    _refuse_new_setup(moved.motion, readings.pose, where)
     found = _motion_found(base, moved, readings)
     base = replace(base, motion=moved.motion, motion_cov=moved.cov, found=found)
     measured = readings.measured
     if found.form != "still":
         measured = measured.steadied(base)
-        if _fits_worse(readings.measured, measured, T_base_ee):
+        far = _is_far(moved.motion)
+        if _fits_worse(readings.measured, measured, T_base_ee, far=far):
             warning = (
                 f"targets on the base ({', '.join(base.names)}) move, and the readings of the arm "
                 "do not move with them: they are not used; check what they are fixed to"
             )
             return Corrected(replace(readings, base=None), warnings=(warning,))
+        if far:
+            raise _moved_too_far(moved.motion, readings.pose, where)
     corrected = replace(readings, base=base, measured=measured)
     return Corrected(corrected, (_note(base, found),), _warnings_of(found, base))
 
@@ -139,40 +144,67 @@ def without_instrument_motion(readings: Observations, where: str, T_base_ee: Arr
 def _refuse_same_targets(base: BaseTargets, where: str) -> None:
     for i, j in combinations(range(len(base.names)), 2):
         apart_m = np.linalg.norm(base.p_instr_m[:, i] - base.p_instr_m[:, j], axis=1)
-        if np.isfinite(apart_m).any() and np.nanmax(apart_m) < _SAME_M:
+        # The median, since a single wrong reading of one of them does not make them two.
+        if np.isfinite(apart_m).any() and np.nanmedian(apart_m) < _SAME_M:
             raise RawDataError(
                 f"{base.names[i]} and {base.names[j]} are the same target",
                 where=where,
-                value=f"no more than {1e3 * np.nanmax(apart_m):.3f} mm apart in any row",
+                value=f"{1e3 * np.nanmedian(apart_m):.3f} mm apart or less in half of the rows",
                 allowed="every target on the base under one name",
                 remedy="remove one of them, or correct its columns",
             )
 
 
-def _refuse_new_setup(motion: Array, pose: NDArray[np.str_], where: str) -> None:
-    """Refuse motions (P, 6), at poses (P,), that range as far as after a new set-up.
+def _range_of(motion: Array) -> tuple[float, float]:
+    """Return the ranges of shift [m] and turn [rad] of motions (P, 6).
 
     A range is the diagonal of the box that holds all motions: of one jump its size, wherever in the
     campaign it is.
     """
     extent = np.ptp(motion, axis=0)
-    shift_m, turn_rad = float(np.linalg.norm(extent[:3])), float(np.linalg.norm(extent[3:]))
-    if shift_m < _NEW_SETUP_M and turn_rad < _NEW_SETUP_RAD:
-        return
-    steps = np.diff(motion, axis=0) / np.repeat([_NEW_SETUP_M, _NEW_SETUP_RAD], 3)
-    largest = int(np.linalg.norm(steps, axis=1).argmax())
-    raise RawDataError(
-        "the instrument was set up anew during the campaign",
+    return float(np.linalg.norm(extent[:3])), float(np.linalg.norm(extent[3:]))
+
+
+def _is_far(motion: Array) -> bool:
+    """Return whether motions (P, 6) range as far as after a new set-up."""
+    shift_m, turn_rad = _range_of(motion)
+    return shift_m >= _NEW_SETUP_M or turn_rad >= _NEW_SETUP_RAD
+
+
+def _moved_too_far(motion: Array, pose: NDArray[np.str_], where: str) -> RawDataError:
+    """Return the refusal of motions (P, 6), at poses (P,): by one large step, or gradually."""
+    limits = np.repeat([_NEW_SETUP_M, _NEW_SETUP_RAD], 3)
+    steps = np.diff(motion, axis=0)
+    size = np.linalg.norm(steps / limits, axis=1)
+    largest = int(size.argmax())
+    shift_m, turn_rad = _range_of(motion)
+    value = f"targets on the base moved by {1e3 * shift_m:.1f} mm and {1e3 * turn_rad:.2f} mrad; "
+    if size[largest] >= 0.5 * np.linalg.norm(np.ptp(motion, axis=0) / limits):
+        step_m, step_rad = np.linalg.norm(steps[largest].reshape(2, 3), axis=1)
+        what = "the instrument was set up anew during the campaign"
+        value += (
+            f"the largest step ({1e3 * step_m:.1f} mm, {1e3 * step_rad:.2f} mrad) is between poses "
+            f"{pose[largest]} and {pose[largest + 1]}"
+        )
+        remedy = "make a campaign of each set-up"
+    else:
+        what = "the instrument moved too far during the campaign"
+        value += "they moved gradually, or in several steps"
+        remedy = (
+            "fix the instrument and let it warm up, then measure again; or divide the poses, in "
+            "order of time, into campaigns in which it moves less"
+        )
+    return RawDataError(
+        what,
         where=where,
-        value=f"targets on the base moved by {1e3 * shift_m:.1f} mm and {1e3 * turn_rad:.2f} mrad; "
-        f"most of it before pose {pose[largest + 1]}",
+        value=value,
         allowed=f"up to {1e3 * _NEW_SETUP_M:g} mm and {1e3 * _NEW_SETUP_RAD:g} mrad",
-        remedy="make a campaign of each set-up",
+        remedy=remedy,
     )
 
 
 def _warnings_of(found: MotionFound, base: BaseTargets) -> tuple[str, ...]:
-    """Return warnings of targets that were knocked, or read far off."""
+    """Return warnings of targets that were knocked, read far off, or scatter more than stated."""
     warned_above_mm = 1e3 * _WARNED_SIGMAS * float(np.nanmedian(base.u_m))
     knocked = [f"a target on the base moved: {target}; it is not used" for target in found.knocked]
     misread = [
@@ -180,7 +212,11 @@ def _warnings_of(found: MotionFound, base: BaseTargets) -> tuple[str, ...]:
         for target in found.misread
         if target.off_mm > warned_above_mm
     ]
-    return (*knocked, *misread)
+    scattered = (
+        f"targets on the base ({', '.join(base.names)}) scatter {found.noise:.1f} times as much as "
+        "stated: check how firmly they are fixed, and the stated uncertainty"
+    )
+    return (*knocked, *misread, *([scattered] if found.noise > _WARNED_NOISE else []))
 
 
 def _motion_found(base: BaseTargets, moved: BaseMotion, readings: Observations) -> MotionFound:
@@ -210,7 +246,11 @@ def _note(base: BaseTargets, found: MotionFound) -> str:
     """Return in words what was removed from the readings."""
     targets = f"targets on the base ({', '.join(base.names)})"
     if found.form == "still":
-        return f"{targets} did not move: the readings are not corrected"
+        scatter_mm = 1e3 * found.noise * float(np.nanmedian(base.u_m))
+        return (
+            f"{targets} show no motion beyond their scatter of {scatter_mm:.3f} mm: the readings "
+            "are not corrected"
+        )
     shift_mm = 1e3 * np.linalg.norm(base.motion[:, :3], axis=1).max()
     by = "smoothed in time" if found.form == "walk" else "configuration by configuration"
     if found.without:
@@ -228,10 +268,11 @@ def _note(base: BaseTargets, found: MotionFound) -> str:
     )
 
 
-def _fits_worse(before: Instrument, after: Instrument, T_base_ee: Array) -> bool:
+def _fits_worse(before: Instrument, after: Instrument, T_base_ee: Array, *, far: bool) -> bool:
     """Return whether the nominal arm, base and target fitted, fits significantly worse `after`.
 
-    In every row a target of the arm was observed.
+    Of a far motion any loss is significant, unless the arm's readings jump as far themselves. In
+    every row a target of the arm was observed.
     """
     uncorrected, corrected = misfit_of(before, T_base_ee), misfit_of(after, T_base_ee)
     if uncorrected is None or corrected is None:
@@ -239,6 +280,9 @@ def _fits_worse(before: Instrument, after: Instrument, T_base_ee: Array) -> bool
     # Positive where the correction helps.
     gain_m = np.nanmean(uncorrected.length_m - corrected.length_m, axis=1)
     blocks = np.array([block.mean() for block in np.array_split(gain_m, _BLOCKS)])
+    if far:
+        off_m = [np.median(block) for block in np.array_split(uncorrected.size_m, _BLOCKS)]
+        return bool(blocks.mean() < 0.0 and max(off_m) < _NEW_SETUP_M)
     return bool(blocks.mean() < -_SURELY * blocks.std(ddof=1) / np.sqrt(_BLOCKS))
 
 
