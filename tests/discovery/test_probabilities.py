@@ -52,7 +52,7 @@ def test_what_is_as_good_and_has_no_score_is_as_likely():
 
 
 def test_an_alternative_takes_the_place_of_an_effect_where_nothing_has_a_score():
-    other = finding(alternatives=(GEAR,)).about(GEAR)
+    other = finding(alternatives=(GEAR,)).exchanged_for(GEAR)
     assert other.explanations.of(BACKLASH) == pytest.approx(other.explanations.of(GEAR))
 
 
@@ -180,13 +180,31 @@ def test_noise_alone_leaves_nothing_for_another_cause():
 def test_another_name_in_its_place_makes_nothing_more_probable(nats, other, weight, unscored):
     rivals = Rival(GEAR, blocks(*nats), weight), Rival(NAMELESS, np.array([other]), 0.1)
     told = finding(*rivals, alternatives=(ELSEWHERE, GEAR) if unscored else (GEAR,))
-    swapped = told.about(GEAR)
+    swapped = told.exchanged_for(GEAR)
     assert swapped.effect == GEAR
     assert GEAR not in swapped.alternatives
     before, after = told.explanations, swapped.explanations
     for effect in (BACKLASH, GEAR, ELSEWHERE):
         assert after.of(effect) == pytest.approx(before.of(effect), abs=1e-9)
     assert after.none_of_these == pytest.approx(before.none_of_these, abs=1e-9)
+
+
+@pytest.mark.parametrize("nats", [(3.0, -2.0), (-2.0, 3.0)])
+def test_of_several_forms_of_one_name_the_best_counts(nats):
+    forms = BaseDrift("base", 0.0, 100.0, 1), BaseDrift("base", 0.0, 100.0, 3)
+    rivals = [Rival(form, np.array([each])) for form, each in zip(forms, nats, strict=True)]
+    said = finding(*rivals).explanations
+    assert said.named[0] == (forms[int(np.argmax(nats))], pytest.approx(SURE / (1 + np.exp(-3.0))))
+
+
+def test_another_form_of_the_effect_stays_no_rival_after_an_exchange():
+    forms = BaseDrift("base", 0.0, 100.0, 1), BaseDrift("base", 0.0, 100.0, 3)
+    rivals = Rival(forms[1], np.array([-3.0])), Rival(GEAR, np.zeros(1))
+    told = Finding(forms[0], np.zeros(6), np.eye(6), (), object(), rivals)
+    swapped = told.exchanged_for(GEAR).explanations
+    for effect in (forms[0], GEAR):
+        assert told.explanations.of(effect) == pytest.approx(SURE / 2)
+        assert swapped.of(effect) == pytest.approx(SURE / 2)
 
 
 def test_an_effect_that_is_larger_than_such_effects_are_is_in_doubt(monkeypatch, wave):

@@ -145,6 +145,11 @@ class Rival:
     nats: Array
     weight: float = 1.0  # prior odds, relative to the effect found
 
+    @property
+    def log_odds(self) -> float:
+        """Return its log odds against the effect found, by the scores of all blocks."""
+        return float(self.nats.sum() + np.log(self.weight))
+
     def by_block(self, blocks: int) -> Array:
         """Return the log score of each block, (B,); one score of all blocks is shared equally."""
         return np.broadcast_to(self.nats * len(self.nats) / blocks, blocks)
@@ -205,10 +210,10 @@ class Finding(Generic[P]):
         and Gelman, Bayesian Analysis 13, 2018). An alternative without a score of its own has that
         of the effect.
         """
-        rivals = {name_of(rival.effect).name: rival for rival in self.rivals}
-        rivals.pop(name_of(self.effect).name, None)  # another form of the effect is no rival
+        rivals = self._rivals_by_name
         effects: dict[Name, Effect] = {}
-        for effect in (self.effect, *self.alternatives, *(rival.effect for rival in self.rivals)):
+        of_rivals = (rival.effect for rival in rivals.values())
+        for effect in (self.effect, *self.alternatives, *of_rivals):
             effects.setdefault(name_of(effect).name, effect)
         blocks = max((len(rival.nats) for rival in self.rivals), default=1)
         nats = np.zeros((len(effects), blocks))
@@ -216,7 +221,7 @@ class Finding(Generic[P]):
         for k, name in enumerate(effects):
             if name in rivals:
                 nats[k] = rivals[name].by_block(blocks)
-                weight[k] = rivals[name].weight if k else 1.0
+                weight[k] = rivals[name].weight
         drawn = np.random.default_rng(0).dirichlet(np.ones(blocks), PROBABILITIES.draws)
         share = softmax(blocks * drawn @ nats.T + np.log(weight), axis=1).mean(axis=0)
         share *= 1.0 - self.unknown
@@ -227,6 +232,17 @@ class Finding(Generic[P]):
         }
         likeliest_first = sorted(named.items(), key=lambda pair: -pair[1])
         return Explanations(tuple(likeliest_first), max(0.0, 1.0 - sum(named.values())))
+
+    @property
+    def _rivals_by_name(self) -> dict[Name, Rival]:
+        """Return the rivals of other names than the effect, each in the form that scores best."""
+        best: dict[Name, Rival] = {}
+        for rival in self.rivals:
+            name = name_of(rival.effect).name
+            if name not in best or rival.log_odds > best[name].log_odds:
+                best[name] = rival
+        best.pop(name_of(self.effect).name, None)  # another form of the effect is no rival
+        return best
 
     @property
     def id(self) -> str:
@@ -249,11 +265,11 @@ class Finding(Generic[P]):
         known = self.explanations
         return known.none_of_these > max(PROBABILITIES.nameless, known.of(self.effect))
 
-    def about(self, other: Effect) -> Self:
-        """Return the finding with a rival as its effect: all probabilities stay as they are."""
-        known = {name_of(rival.effect).name: rival for rival in self.rivals}
+    def exchanged_for(self, other: Effect) -> Self:
+        """Return the finding with a rival in place of its effect, at the same probabilities."""
+        known = self._rivals_by_name
         # An alternative without a score of its own has that of the effect.
-        for effect in (*self.alternatives, self.effect):
+        for effect in (self.effect, *self.alternatives):
             known.setdefault(name_of(effect).name, Rival(effect, np.zeros(1)))
         chosen = known.pop(name_of(other).name)
         blocks = max((len(rival.nats) for rival in self.rivals), default=1)

@@ -84,7 +84,7 @@ def _with_likeliest_names(found: Verdict[S]) -> Verdict[S]:
         likelier = probability > NAMES.likelier * known.of(finding.effect)
         if not likelier or name_of(best) in held or name_of(best) not in rivals:
             continue
-        tried = fitted_instead(found, finding, finding.about(best))
+        tried = fitted_instead(found, finding, finding.exchanged_for(best))
         most_mm = NAMES.worse_ratio * found.train.after.rms_mm
         if tried is not None and tried.train.after.rms_mm <= most_mm:
             found = tried
@@ -106,7 +106,7 @@ def _with_one_kind(found: Verdict[S]) -> Verdict[S]:
         as_likely = [other for other, probability in known.named if probability >= least]
         of_a_kind = [other for other in as_likely if other.id in kinds and other not in held]
         if effect.id not in kinds and of_a_kind and is_named(of_a_kind[0]):
-            found = fitted_instead(found, finding, finding.about(of_a_kind[0])) or found
+            found = fitted_instead(found, finding, finding.exchanged_for(of_a_kind[0])) or found
     return found
 
 
@@ -331,7 +331,7 @@ def with_other_readings(found: Verdict) -> Verdict:
     if not pairs:
         return found
     probability, finding, other = max(pairs, key=lambda pair: pair[0])
-    about = fitted_instead(found, finding, finding.about(other))
+    about = fitted_instead(found, finding, finding.exchanged_for(other))
     if about is None:
         return found
     model = about.scorer.extended.fitted()
