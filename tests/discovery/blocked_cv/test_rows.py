@@ -189,13 +189,14 @@ def test_distances_too_few_for_maps_of_all_joints_are_weighed_by_their_noise(tmp
     assert noise_mm == pytest.approx(trial.settings.without_touches.position_mm, rel=0.25)
 
 
-@pytest.mark.parametrize("poses_each", [1, 7, 25])
-def test_no_block_is_empty_however_few_poses_each_campaign_has(few, poses_each):
+@pytest.mark.parametrize("poses_each", [1, 7, 15, 19, 25])
+def test_blocks_are_alike_however_few_poses_each_campaign_has(few, poses_each):
     poses = few.poses
     campaign = np.arange(len(poses)) // poses_each
     grouped = replace(poses, states=replace(poses.states, campaign=campaign))
     held = np.bincount(consecutive_blocks(grouped), minlength=BLOCKS.blocks)
     assert held.min() >= BLOCKS.least_poses - 2
+    assert np.ptp(held) <= 2
 
 
 def test_poses_of_another_region_are_in_blocks_of_others(few):
@@ -213,5 +214,22 @@ def test_poses_of_another_region_are_in_blocks_of_others(few):
     np.testing.assert_array_equal(blocks_at(one_by_one), in_order)
     q_rad[last, 1] = 1.5  # as poses that a verdict asked for
     found = blocks_at(q_rad)
-    np.testing.assert_array_equal(found[: last[0]], in_order[: last[0]])
+    others = np.arange(last[0])
+    np.testing.assert_array_equal(found[others], others * BLOCKS.blocks // len(others))
     assert len(np.unique(found[last])) == len(last)
+    assert np.ptp(np.bincount(found)) <= 1
+
+
+def test_no_block_is_left_with_few_poses_where_those_apart_are_dealt(few):
+    poses, rng = few.poses, np.random.default_rng(1)
+    count = len(poses)
+    q_rad = rng.uniform(-1.0, 1.0, poses.states.q_rad.shape)
+    for campaign, apart in (
+        (np.zeros(count, np.intp), np.arange(count) >= count - 10),
+        (np.arange(count) // 19, np.arange(count) % 19 == 18),
+    ):
+        elsewhere = q_rad.copy()
+        elsewhere[apart, 1] = 1.5
+        states = replace(poses.states, q_rad=elsewhere, campaign=campaign)
+        held = np.bincount(consecutive_blocks(replace(poses, states=states)), minlength=10)
+        assert np.ptp(held) <= 2

@@ -179,25 +179,47 @@ def interleaved_blocks(count: int) -> Index:
 def consecutive_blocks(poses: Observations) -> Index:
     """Return block numbers (P,) of consecutive poses, a tenth of every campaign in each block.
 
-    If each block held a single campaign, differences between campaigns would count as chance.
-    Poses of campaigns with fewer poses than blocks are dealt to the blocks in turn, from one such
-    campaign to the next: no block stays empty.
+    If each block held a single campaign, differences between campaigns would count as chance. Poses
+    of one block that are apart from all others are dealt to the smallest blocks, one by one, and
+    the others are divided without them.
     """
     campaign = poses.states.campaign
     if campaign is None:
         campaign = np.zeros(len(poses), dtype=np.intp)
-    block = np.zeros(len(poses), dtype=np.intp)
+    block = _tenths(campaign)
+    apart = _poses_apart(poses.states.q_rad, block)
+    if len(apart):
+        others = np.delete(np.arange(len(poses)), apart)
+        block[others] = _tenths(campaign[others])
+        held = np.bincount(block[others], minlength=BLOCKS.blocks)
+        for row in apart:
+            block[row] = held.argmin()
+            held[block[row]] += 1
+    return block
+
+
+def _tenths(campaign: Index) -> Index:
+    """Return block numbers (P,) of poses by the number of their campaign (P,), in order of time.
+
+    Poses of campaigns with fewer poses than blocks are dealt to the blocks in turn, from one such
+    campaign to the next. The others begin at the block that leaves the sizes most even.
+    """
+    block = np.zeros(len(campaign), dtype=np.intp)
+    held = np.zeros(BLOCKS.blocks, dtype=np.intp)
     dealt = 0
     for number in np.unique(campaign):
         rows = np.flatnonzero(campaign == number)
         count = len(rows)
         if count < BLOCKS.blocks:
-            block[rows] = (dealt + np.arange(count)) % BLOCKS.blocks
+            own, first = np.arange(count), dealt
             dealt += count
         else:
-            block[rows] = np.arange(count) * BLOCKS.blocks // count
-    apart = _poses_apart(poses.states.q_rad, block)
-    block[apart] = np.arange(len(apart)) % BLOCKS.blocks
+            own = np.arange(count) * BLOCKS.blocks // count
+            sizes = np.bincount(own)
+            uneven = [np.sum((held + np.roll(sizes, k)) ** 2) for k in range(BLOCKS.blocks)]
+            first = int(np.argmin(uneven))
+        block[rows] = (first + own) % BLOCKS.blocks
+        held += np.bincount(block[rows], minlength=BLOCKS.blocks)
     return block
 
 
