@@ -19,6 +19,7 @@ from pa10cal.terms.effects.unnamed import DirectionMap
 SURE = 1.0 - PROBABILITIES.unknown
 BACKLASH, GEAR = Backlash("joint 1"), GearRatioError("joint 1")
 ELSEWHERE = Backlash("joint 2")
+KNOWN = dict(zip(("odds", "power", "fall"), PROBABILITIES.known_effect, strict=True))
 NAMELESS = DirectionMap("joint 1", 10.0, 1.0)
 
 
@@ -136,7 +137,9 @@ def test_the_more_is_left_of_an_error_the_likelier_something_else_makes_it(
     without_mm, part, less, floor_mm
 ):
     with_mm = part * without_mm
-    left = [UnknownBeside(without_mm, each, 12.0, 0.3) for each in (less * with_mm, with_mm)]
+    left = [
+        UnknownBeside(without_mm, each, odds=12.0, power=0.3) for each in (less * with_mm, with_mm)
+    ]
     little, much = (each.probability(floor_mm) for each in left)
     assert PROBABILITIES.unknown <= little <= much <= 1.0
 
@@ -144,7 +147,7 @@ def test_the_more_is_left_of_an_error_the_likelier_something_else_makes_it(
 @given(st.floats(1.0, 5.0), st.floats(1.0, 5.0))
 def test_the_more_is_left_over_noise_the_less_likely_is_any_name(one, more):
     def beside(left_mm):  # what it takes over what it leaves is the same
-        return UnknownBeside(np.sqrt(2.0) * left_mm, left_mm, *PROBABILITIES.known_effect)
+        return UnknownBeside(np.sqrt(2.0) * left_mm, left_mm, **KNOWN)
 
     little, much = (beside(left_mm).probability(0.01) for left_mm in (0.03, 0.03 * one))
     rounding = 1e-14
@@ -158,17 +161,18 @@ def test_the_more_is_left_over_noise_the_less_likely_is_any_name(one, more):
 def test_odds_are_those_stated_where_as_much_is_taken_as_is_left():
     taken = UnknownBeside(np.sqrt(2.0), 1.0, odds=3.0, power=0.3)
     assert taken.probability(0.0) == pytest.approx(0.25)
-    assert UnknownBeside(1.0, 0.0, 12.0, 0.3).probability(0.0) == PROBABILITIES.unknown
+    assert UnknownBeside(1.0, 0.0, odds=12.0, power=0.3).probability(0.0) == PROBABILITIES.unknown
+
+
+def test_what_removes_nothing_has_no_odds_even_if_nothing_is_left():
+    assert UnknownBeside(0.0, 0.0, odds=12.0, power=0.3).probability(0.0) == 1.0
 
 
 def test_noise_alone_leaves_nothing_for_another_cause():
     errors_mm = np.random.default_rng(3).normal(size=(2000, 3))
     floor_mm = float(np.linalg.norm(errors_mm, axis=1).mean())
     rms_mm = float(np.sqrt(np.mean(np.sum(errors_mm**2, axis=1))))
-    assert (
-        UnknownBeside(5.0 * rms_mm, rms_mm, *PROBABILITIES.known_effect).probability(floor_mm)
-        < 0.05
-    )
+    assert UnknownBeside(5.0 * rms_mm, rms_mm, **KNOWN).probability(floor_mm) < 0.05
 
 
 @given(

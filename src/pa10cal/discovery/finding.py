@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import KW_ONLY, asdict, dataclass, replace
 from functools import cached_property
 from typing import Generic, Literal, Self
 
@@ -33,10 +33,15 @@ class UnknownBeside:
     compared with it may be a part of it; and the larger it is, the more often it looks like an
     effect elsewhere. The odds of the effect are
     odds * (removed / remaining)^power / (remaining / noise)^fall.
+
+    What remains counts as at least `left_of_noise` of the noise and, over noise, as at most
+    `most_left_of_noise`; the probability is at least `unknown` (rules, PROBABILITIES). Without
+    noise remaining / noise is 1.
     """
 
     without_mm: float  # root mean square error without the effect [mm]
     with_mm: float  # and with it [mm]
+    _: KW_ONLY
     odds: float  # odds of an effect that removes as much as remains
     power: float
     fall: float = 0.0
@@ -52,7 +57,7 @@ class UnknownBeside:
         ratio = max(over_left(*squares, noise), self.of_readings)
         most = PROBABILITIES.most_left_of_noise * noise
         beyond = min(left_beyond(self.with_mm**2, noise), most) / noise if noise > 0.0 else 1.0
-        odds = self.odds * ratio**self.power / beyond**self.fall if beyond > 0.0 else np.inf
+        odds = self.odds * ratio**self.power / beyond**self.fall
         return float(max(1.0 / (1.0 + odds), PROBABILITIES.unknown))
 
 
@@ -62,9 +67,14 @@ def left_beyond(squares: float, noise: float) -> float:
 
 
 def over_left(without: float, with_it: float, noise: float) -> float:
-    """Return the squares that an effect removes over those that remain beyond noise."""
-    remaining = left_beyond(with_it, noise)
-    return max(without - with_it, 0.0) / remaining if remaining > 0.0 else np.inf
+    """Return the squares that an effect removes over those that remain beyond noise.
+
+    It is 0 where nothing is removed, even if nothing remains.
+    """
+    removed, remaining = max(without - with_it, 0.0), left_beyond(with_it, noise)
+    if removed == 0.0:
+        return 0.0
+    return removed / remaining if remaining > 0.0 else np.inf
 
 
 class Proof(Part):
@@ -82,7 +92,7 @@ class Proof(Part):
         return None
 
     @property
-    def unknown(self) -> UnknownBeside | None:
+    def unknown_cause(self) -> UnknownBeside | None:
         """Model of the probability of an unknown cause; None where errors give none."""
         return None
 
@@ -101,11 +111,12 @@ class GivesWay(discovery.EvidenceOfSag, Proof):
 
     @property
     @override
-    def unknown(self) -> UnknownBeside:
+    def unknown_cause(self) -> UnknownBeside:
         without_mm, with_mm = self.held_out_rigid_mm, self.held_out_gives_way_mm
         if without_mm is None or with_mm is None:
             without_mm, with_mm = self.rigid_mm, self.gives_way_mm
-        return UnknownBeside(without_mm, with_mm, *PROBABILITIES.known_sag)
+        odds, power = PROBABILITIES.known_sag
+        return UnknownBeside(without_mm, with_mm, odds=odds, power=power)
 
     @property
     @override
@@ -187,18 +198,18 @@ class Explanations:
         return tuple(members)
 
 
-P = TypeVar("P", bound=Proof, default=Proof, covariant=True)
+ProofT = TypeVar("ProofT", bound=Proof, default=Proof, covariant=True)
 
 
 @dataclass(frozen=True, eq=False)
-class Finding(Generic[P]):
+class Finding(Generic[ProofT]):
     """One effect that was found."""
 
     effect: Effect  # which, and where
     x: Array  # (k,) its reported parameters
     covariance: Array  # (k, k) of them
     alternatives: tuple[Effect, ...]  # effects that explain the data as well in its place
-    proof: P
+    proof: ProofT
     rivals: tuple[Rival, ...] = ()  # every effect that was tried in its place, with its score
     unknown: float = PROBABILITIES.unknown  # probability that none of those tried is present
 

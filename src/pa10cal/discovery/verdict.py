@@ -490,7 +490,7 @@ def in_doubt(found: Verdict, finding: F) -> F:
     It is larger where more than noise remains without a name, and where the effect is larger than
     such effects are: then another cause looks like it.
     """
-    if (by_errors := finding.proof.unknown) is not None:
+    if (by_errors := finding.proof.unknown_cause) is not None:
         unknown = by_errors.probability(found.noise_floor_mm)
     elif found.unexplained or found.over_noise:
         unknown = PROBABILITIES.unknown_beside

@@ -53,9 +53,12 @@ class BlockPrediction(BlockedCrossValidation, Proof):
 
     @property
     @override
-    def unknown(self) -> UnknownBeside:
+    def unknown_cause(self) -> UnknownBeside:
         errors_mm = self.rms_without_mm, self.rms_with_mm
-        return UnknownBeside(*errors_mm, *PROBABILITIES.known_effect, of_readings=self.over_left)
+        odds, power, fall = PROBABILITIES.known_effect
+        return UnknownBeside(
+            *errors_mm, odds=odds, power=power, fall=fall, of_readings=self.over_left
+        )
 
 
 @dataclass(frozen=True)
