@@ -32,6 +32,7 @@ from pa10cal.evaluation.model_errors import constant_tool_twist, held_out_errors
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.validity import AngleCoverage
+from pa10cal.results.evaluation import PartOfCampaign
 from pa10cal.terms.effects.joint import GearRatioError
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
 from pa10cal.terms.field import Nameless
@@ -144,6 +145,14 @@ def test_a_base_for_every_part_brings_back_what_the_model_is_worth(still, in_par
         {"from", "to", "poses", "held_out", "moved_by_mm", "turned_by_mrad"}
     ] * 2
     assert "a base for every part" in base_motion_line(in_parts.parts)
+
+
+def test_the_line_on_motion_tells_turns_and_times_since_the_first_reading():
+    common = {"poses": 45, "held_out": 15}
+    first = {"from": 1712350000.0, "to": 1712350100.0, "moved_by_mm": None, "turned_by_mrad": None}
+    second = {"from": 1712350101.5, "to": 1712350200.0, "moved_by_mm": 0.0, "turned_by_mrad": 1.5}
+    line = base_motion_line([PartOfCampaign(**each, **common) for each in (first, second)])
+    assert "by 0.00 mm and 1.50 mrad before 101.5 s after the first reading:" in line
 
 
 def test_the_parts_and_the_motion_between_them_are_recovered(carried, in_parts):

@@ -7,8 +7,9 @@ import pytest
 from matplotlib.text import Text
 
 from pa10cal.figures.campaign import by_joint, residuals
-from pa10cal.figures.campaign.by_joint import highest_separable
+from pa10cal.figures.campaign.by_joint import highest_separable, names_of_orders
 from pa10cal.figures.registry import NothingToShowError
+from pa10cal.results.analysis import Periodogram
 
 pytestmark = pytest.mark.usefixtures("project_looks")
 
@@ -183,6 +184,23 @@ def test_errors_of_a_joint_that_slides_are_lengths(results, changed_from):
     assert axes.get_title(loc="left") == "joint 3 [N]"
     assert axes.get_xlim()[1] >= 1e3 * joint.q_rad.max()
     assert "3 [µm]" in texts_of(residuals.draw_where_breakdown(source))
+
+
+@pytest.mark.parametrize(
+    ("ratio", "names"),
+    [
+        (50.0, ["1", "2", "N", "\n2N"]),
+        (1.5, ["1", "N", "2", "\n2N"]),
+        (0.4, ["N", "\n2N", "1", "2"]),
+        (0.5, ["N", "1, 2N", "2"]),
+        (2.0, ["1", "2, N", "\n2N"]),
+    ],
+)
+def test_orders_are_named_whatever_the_gear_ratio(ratio, names):
+    marked = np.array(sorted({1.0, 2.0, ratio, 2.0 * ratio}))
+    none = np.zeros(len(marked))
+    found = Periodogram(orders=none, explained_rad=none, marked=marked, marked_rad=none)
+    assert names_of_orders(found) == names
 
 
 separable = partial(highest_separable, np.arange(0.5, 300.0, 0.5))

@@ -273,13 +273,17 @@ def worse_than_nominal(models: Mapping[str, results.HeldOutModel], from_: str) -
 def base_motion_line(parts: Sequence[results.PartOfCampaign]) -> str:
     """Return in one sentence how instrument or base moved between parts; empty if not at all."""
     moves = [
-        f"{part.moved_by_mm:.2g} mm before {part.from_s:g} s"
+        f"{part.moved_by_mm:.2f} mm and {part.turned_by_mrad:.2f} mrad before "
+        f"{part.from_s - parts[0].from_s:.1f} s"
         for part in parts
         if part.moved_by_mm is not None
     ]
     if not moves:
         return ""
-    return f"instrument or base moved suddenly, by {', '.join(moves)}: a base for every part"
+    return (
+        f"instrument or base moved suddenly, by {', '.join(moves)} after the first reading: "
+        "a base for every part"
+    )
 
 
 def summary(record: results.HoldoutRecord, *, springs: bool) -> str:

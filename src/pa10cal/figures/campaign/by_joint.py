@@ -101,10 +101,10 @@ def highest_separable(orders: Array, q_rad: Array) -> float:
 
 #: Cells with so many times the usual uncertainty of a joint's angle do not set the scale.
 _POOR = 3.0
-#: Orders of a turn of the joint, and of the motor where the gear ratio is known.
-_KNOWN_WITH_RATIO = 4
-#: Where it is not, orders of the motor are not looked for.
+#: Where the gear ratio is not known, orders of the motor are not looked for.
 _MOST_UNGEARED = 30.0
+#: Orders of a turn of the joint.
+_OF_JOINT = (1.0, 2.0)
 #: Of many orders the highest of each band is drawn.
 _BANDS_A_DECADE = 24.0
 
@@ -131,7 +131,11 @@ def draw_where_joints(results: ResultsBundle) -> Figure:
     fits = (found.before, found.after)
     joints = found.before.by_joint
     known = [joint.periodogram for joint in joints if joint.periodogram is not None]
-    motor = "; N: gear ratio, one cycle a turn of the motor" if any(map(_geared, known)) else ""
+    motor = (
+        "; N: gear ratio, one cycle a turn of the motor"
+        if any(_gear_ratio(each) for each in known)
+        else ""
+    )
     figure = new_figure(131.0, "Error of each joint angle, and its orders in the angle")
     upper = _joint_panels(figure, len(joints), 76.0, 43.0, "angle error [µrad]")
     orders = _joint_panels(figure, len(joints), 29.0, 30.0, "explained, rms [µrad]")
@@ -186,7 +190,7 @@ def _draw_orders(axes: Axes, fits: tuple[LackOfFit, LackOfFit], k: int, *, witho
     axes.set_xscale("log")
     separable = highest_separable(found.orders, fits[0].by_joint[k].q_rad)
     last = found.orders[-1]
-    if not _geared(found):
+    if _gear_ratio(found) is None:
         last = min(_MOST_UNGEARED, max(separable, found.marked[-1]))
     axes.axvspan(separable, last, color=SEPARATOR, alpha=0.35, linewidth=0.0)
     for fit, (color, marker, broad) in zip(fits, _LOOKS, strict=True):
@@ -206,14 +210,32 @@ def _draw_orders(axes: Axes, fits: tuple[LackOfFit, LackOfFit], k: int, *, witho
         axes.plot(found.marked, marked, markersize=2.0 + broad, **look)
     axes.set_xlim(found.orders[0], last)
     axes.xaxis.set_major_locator(FixedLocator(list(found.marked)))
-    names = ["1", "2", "N", "\n2N"] if _geared(found) else [f"{order:g}" for order in found.marked]
-    axes.xaxis.set_major_formatter(FixedFormatter(names))
+    axes.xaxis.set_major_formatter(FixedFormatter(names_of_orders(found)))
     axes.xaxis.set_minor_locator(NullLocator())
 
 
-def _geared(found: Periodogram) -> bool:
-    """Return whether the gear ratio of the joint is known."""
-    return len(found.marked) == _KNOWN_WITH_RATIO
+def names_of_orders(found: Periodogram) -> list[str]:
+    """Return the names of the marked orders: 1 and 2, and N and 2N of a gear ratio N."""
+    ratio = _gear_ratio(found)
+    names = []
+    for order in found.marked:
+        called = [f"{order:g}"] if order in _OF_JOINT else []
+        if ratio is not None and np.isclose(order, ratio):
+            called.append("N")
+        elif ratio is not None and np.isclose(order, 2.0 * ratio):
+            called.append("2N" if called else "\n2N")  # a line below, since 2N is close to N
+        names.append(", ".join(called))
+    return names
+
+
+def _gear_ratio(found: Periodogram) -> float | None:
+    """Return the gear ratio of the joint; None where it is not known, or 1."""
+    of_motor = sorted(set(found.marked) - set(_OF_JOINT))
+    if not of_motor:
+        return None
+    # Of a ratio of 2 or 1/2 one of N and 2N is an order of the joint, too.
+    only_twice = len(of_motor) == 1 and of_motor[0] > max(_OF_JOINT)
+    return float(of_motor[0] / 2.0 if only_twice else of_motor[0])
 
 
 # Residual torque of every joint, by direction of arrival and joint angle.
