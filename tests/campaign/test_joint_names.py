@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import numpy as np
+import pandas as pd
 import pytest
 
-from pa10cal.campaign.file_roles import columns_by_name, named_by_text
+from pa10cal.campaign.file_roles import columns_by_name, named_by_text, roles_of_file
+from pa10cal.campaign.recognise import WORDS, roles_of
+from pa10cal.campaign.sniffing import sniff
 
+J = [f"J{j}" for j in range(1, 7)]
 UR = ["shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3"]
 
 
@@ -82,3 +87,71 @@ def test_columns_of_text_name_the_numbered_ones_beside_them():
 def test_text_that_is_no_list_of_names_names_nothing(same):
     names = [f"{stem}{k}" for stem in ("name", "position") for k in range(3)]
     assert named_by_text(names, same) == {}
+
+
+@pytest.fixture
+def roles(tmp_path):
+    """Return the roles of columns of whole random numbers; those that are named are at rest."""
+
+    def run(names, joints=None, still=(), own=()):
+        table = pd.DataFrame(np.random.default_rng(3).uniform(-99, 99, (20, len(names))))
+        table.columns = list(names)
+        table[list(still)] = 1.5
+        table.to_csv(tmp_path / "export.csv", index=False)
+        return roles_of_file(sniff(tmp_path / "export.csv"), joints, own)
+
+    return run
+
+
+@pytest.mark.parametrize("word", WORDS["words"]["torque"].split())
+@pytest.mark.parametrize("joints", [6, None])
+def test_a_number_may_be_run_on_to_a_word_of_torques(word, joints):
+    torques, q = ([f"{stem}{k}" for k in range(1, 7)] for stem in (word, "q"))
+    found = roles_of([*torques, *q, "x", "y", "z"], joints)
+    assert (found.joints, found.torques) == (tuple(q), tuple(torques))
+
+
+@pytest.mark.parametrize("word", ["tau", "torque", "vel", "current", "err"])
+def test_what_is_no_position_of_joints_is_not_taken_for_one(word):
+    others, p = ([f"{stem}{k}" for k in range(1, 7)] for stem in (word, "pos"))
+    assert roles_of([*others, *p, "x", "y", "z"], 6).joints == tuple(p)
+
+
+@pytest.mark.parametrize(
+    "others",
+    [
+        ["Upper Tol", "Lower Tol"],
+        ["flange offset", "base height"],
+        ["rail", "shoulder strain"],
+        ["base temp", "elbow temp", "wrist temp"],
+        ["base", "elbow", "wrist"],
+    ],
+)
+def test_some_words_of_a_limb_are_no_joints_beside_numbered_ones(roles, others):
+    assert roles([*J, "X", "Y", "Z", *others]).joints == tuple(J)
+
+
+@pytest.mark.parametrize(
+    "other", [["hand"], ["base_height"], ["base_x", "base_y", "base_z"], ["hand_time"], ["rail"]]
+)
+def test_one_more_column_of_a_limb_hides_no_joints(other):
+    names = ["base", "shoulder", "elbow", "wrist1", "wrist2", "wrist3"]
+    assert columns_by_name([*other, *names, "x"], 6) == tuple(names)
+
+
+@pytest.mark.parametrize("sign", [" ", "_"])
+def test_the_orientation_is_of_the_body_that_moves(roles, sign):
+    base, tool = ([f"{of}{sign}{a}" for a in ("x y z rx ry rz").split()] for of in ("base", "tool"))
+    found = roles([*J, *base, *tool], 6, still=base)
+    assert found.attitude[0] == tuple(tool[3:])
+
+
+def test_a_letter_that_tells_columns_apart_is_no_unit(roles):
+    tcp = [f"tcp_{letter}" for letter in "XYZABC"]
+    found = roles([*J, *tcp], 6)
+    assert found.attitude == (tuple(tcp[3:]), "euler_ZYX")
+    axes = [f"axis_{letter}" for letter in "SLURBT"]
+    assert roles([*axes, *"xyz"], 6).joints == tuple(axes)
+    found = roles(["t", *"SLURBT", *"xyz"], 6)
+    assert (found.joints, found.single["time"]) == (tuple("SLURBT"), "t")
+    assert roles([*J, "x_m", "y_m", "z_m", "temp_C"], 6).positions[""] == ("x_m", "y_m", "z_m")

@@ -7,10 +7,10 @@ follow each other from the base to the hand, or by the letters of a maker.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -22,10 +22,13 @@ from pa10cal.campaign.own_columns import FileColumns
 from pa10cal.campaign.recognise import (
     WORDS,
     Roles,
+    apart_by_letters,
     beyond,
     has_word,
+    numbered_joints,
     numbered_sets,
     plain,
+    positions_of,
     roles_of,
     split_unit,
     standing,
@@ -40,6 +43,11 @@ _LIMB = WORDS["limb"]
 #: Order of words of a limb from base to hand, and of words of motions within a segment.
 _SEGMENT = {word: k for k, words in enumerate(_LIMB["segments"]) for word in words.split()}
 _MOTION = {word: k for k, words in enumerate(_LIMB["motions"], 1) for word in words.split()}
+_RAIL, _HAND = min(_SEGMENT.values()), max(_SEGMENT.values())
+#: Words of columns that are of a limb, but of none of its joints.
+_NO_JOINT = frozenset(_LIMB["no joint"].split())
+#: Segments that tell a limb where the number of joints is not known, at least.
+_LEAST_SEGMENTS = 3
 #: Letters that stand for the joints of an arm, in order.
 _LETTERS = tuple(tuple(letters.split()) for letters in _LIMB["letters"])
 _NUMBERED = re.compile(r"^(?P<stem>.*?\D)(?P<number>\d+)$")
@@ -51,7 +59,7 @@ _TURN_RAD = 2.0 * np.pi + 0.1
 
 def roles_of_file(sniffed: Sniffed, joints: int | None, joint_names: Sequence[str]) -> Roles:
     """Return the roles of the columns of a file, with polar readings and matrices."""
-    names = sniffed.titles or sniffed.names
+    names = apart_by_letters(sniffed.titles or sniffed.names)
     called = replace(sniffed, names=names)
     roles = with_matrix(_roles_by_name(called, joints, joint_names), names, sniffed.numbers)
     roles = _of_what_moves(with_polar(roles, names), called)
@@ -60,81 +68,102 @@ def roles_of_file(sniffed: Sniffed, joints: int | None, joint_names: Sequence[st
 
 def _of_what_moves(roles: Roles, sniffed: Sniffed) -> Roles:
     """Return roles whose orientation is that of a moving body, not of one at rest as the base."""
-
-    def body(name: str) -> str:
-        return split_unit(name)[0].rpartition(" ")[0]
-
-    places = {place: sniffed.columns(names) for place, names in roles.positions.items()}
-    still = {body(roles.positions[place][0]) for place in standing(places)}
-    if roles.attitude is None or body(roles.attitude[0][0]) not in still - {""}:
-        return roles
-    moving = [name for name in sniffed.names if body(name) not in still]
-    return replace(roles, attitude=roles_of(moving, None).attitude)
+    readings = {place: sniffed.columns(names) for place, names in roles.positions.items()}
+    at_rest = {_body(roles.positions[place]) for place in standing(readings)} - {()}
+    attitude, names = roles.attitude, list(sniffed.names)
+    while attitude is not None and _body(attitude[0]) in at_rest:
+        names = [name for name in names if name not in attitude[0]]
+        attitude = roles_of(names, None).attitude
+    return replace(roles, attitude=attitude)
 
 
-def _roles_by_name(sniffed: Sniffed, joints: int | None, own: Sequence[str] = ()) -> Roles:
+def _body(columns: Sequence[str]) -> tuple[str, ...]:
+    """Return the words that all columns of a position or orientation share, as of their body."""
+    first, *others = map(words_of_name, columns)
+    shared = [word for word in first if all(word in words for words in others)]
+    return tuple(w for w in shared if not has_word([w], "of any joint", "rotation", "quaternion"))
+
+
+def _roles_by_name(
+    sniffed: Sniffed, joints: int | None, own_joint_names: Sequence[str] = ()
+) -> Roles:
     """Return the roles of the columns of a file by names, joints in the order of the arm's.
 
     Args:
         sniffed: the file.
         joints: number of the arm's joints; None where not known.
-        own: names of the joints in its description, in order; empty where it has none.
+        own_joint_names: those in the arm's description, in order; empty where it has none.
     """
     fields = {name: [word for word in sniffed.words(name) if word] for name in sniffed.names}
-    text = [
+    text_columns = [
         name
         for name, words in fields.items()
         if words and np.isfinite(sniffed.column(name)).sum() < _NUMBERS * len(words)
     ]
-    same = {name: fields[name][0] for name in text if len(set(fields[name])) == 1}
-    called = {name: name for name in sniffed.names} | named_by_text(sniffed.names, same)
-    files_own = {call: name for name, call in called.items()}
+    constant_text = {name: fields[name][0] for name in text_columns if len(set(fields[name])) == 1}
+    alias_of = {name: name for name in sniffed.names}
+    alias_of |= named_by_text(sniffed.names, constant_text)
+    column_of_alias = {alias: name for name, alias in alias_of.items()}
 
-    def by_name(*, torques: bool) -> tuple[str, ...]:
-        some = []
-        for name, call in called.items():
-            words = words_of_name(call)
+    def by_name(count: int | None, *, torques: bool) -> tuple[str, ...]:
+        candidates = []
+        for name, alias in alias_of.items():
+            words = words_of_name(alias)
             uncertain = len(words) > 1 and has_word(words[:1], "uncertain")
-            other = uncertain or has_word(words, "deviation", "no position")
-            if name not in text and not other and has_word(words, "torque") == torques:
-                some.append(call)
-        return tuple(files_own[call] for call in columns_by_name(some, joints, own))
+            excluded = uncertain or has_word(words, "deviation", "no position")
+            if name not in text_columns and not excluded and has_word(words, "torque") == torques:
+                candidates.append(alias)
+        found = columns_by_name(candidates, count, own_joint_names)
+        return tuple(column_of_alias[alias] for alias in found)
 
-    turns, torques = by_name(torques=False), by_name(torques=True)
-    roles = roles_of(sniffed.names, joints, text, turns)
+    turns = by_name(joints, torques=False)
+    torques = by_name(joints or len(turns) or None, torques=True)
+    roles = roles_of(sniffed.names, joints, text_columns, turns)
     return replace(roles, torques=torques) if torques and turns else roles
 
 
 def columns_by_name(
-    names: Sequence[str], joints: int | None, own: Sequence[str] = ()
+    names: Sequence[str], joints: int | None, own_joint_names: Sequence[str] = ()
 ) -> tuple[str, ...]:
     """Return the columns of joints with names, in the order of the joints; empty for none.
 
     Args:
         names: columns that may hold positions of joints.
         joints: number of the arm's joints; None where not known.
-        own: names of the joints in its description, in order; empty where it has none.
+        own_joint_names: those in the arm's description, in order; empty where it has none.
     """
     measured = [name for name in names if not has_word(words_of_name(name), "commanded")]
     commanded = [name for name in names if name not in measured]
-    for some in (measured, commanded):
-        found = _by_own(some, own) or _by_limb(some, joints) or _by_letters(some, joints)
+    for candidates in (measured, commanded):
+        found = (
+            _by_own(candidates, own_joint_names)
+            or _by_limb(candidates, joints)
+            or _by_letters(candidates, joints)
+        )
         if found:
             return found
     return ()
 
 
-def joint_sets(names: Sequence[str], joints: int, own: Sequence[str] = ()) -> list[tuple[str, ...]]:
+def joint_sets(
+    names: Sequence[str], joints: int, own_joint_names: Sequence[str] = ()
+) -> list[tuple[str, ...]]:
     """Return every set of columns that may be the joints of one arm, as of two arms side by side.
 
     They are numbered, or have names of joints and a word that all of a set share, such as left.
     """
+    groups = _by_other_words(names)
+    by_name = (columns_by_name(group, joints, own_joint_names) for group in groups)
+    return list(dict.fromkeys(filter(None, (*numbered_sets(names, joints), *by_name))))
+
+
+def _by_other_words(names: Sequence[str]) -> list[list[str]]:
+    """Return names in groups, by their words other than those of limbs and numbers."""
     groups: dict[tuple[str, ...], list[str]] = {}
     for name in names:
         rest = (w for w in _bare(name) if w not in _SEGMENT and w not in _MOTION)
         groups.setdefault(tuple(w for w in rest if not w.isdigit()), []).append(name)
-    called = (columns_by_name(group, joints, own) for group in groups.values())
-    return list(dict.fromkeys(filter(None, (*numbered_sets(names, joints), *called))))
+    return list(groups.values())
 
 
 def _bare(name: str) -> tuple[str, ...]:
@@ -143,51 +172,106 @@ def _bare(name: str) -> tuple[str, ...]:
     return tuple(word for word in words if not has_word([word], "of any joint"))
 
 
-def _by_own(names: Sequence[str], own: Sequence[str]) -> tuple[str, ...]:
+def _same(column: tuple[str, ...], joint: tuple[str, ...]) -> bool:
+    return column == joint
+
+
+def _ends_with(column: tuple[str, ...], joint: tuple[str, ...]) -> bool:
+    return bool(joint) and column[-len(joint) :] == joint
+
+
+def _is_end_of(column: tuple[str, ...], joint: tuple[str, ...]) -> bool:
+    return _ends_with(joint, column)
+
+
+def _by_own(names: Sequence[str], own_joint_names: Sequence[str]) -> tuple[str, ...]:
     """Return one column for each of the arm's own names: of equal words, else of ending words."""
-    columns = {name: _bare(name) for name in names}
-    wanted = [_bare(each) for each in own]
-    if len(set(wanted)) < len(wanted) or not all(wanted):
+    words_of = {name: _bare(name) for name in names}
+    wanted = [_bare(each) for each in own_joint_names]
+    if not wanted or len(set(wanted)) < len(wanted) or not all(wanted):
         return ()
-
-    def ends(long: tuple[str, ...], short: tuple[str, ...]) -> bool:
-        return bool(short) and long[-len(short) :] == short
-
-    ways = (
-        lambda of, joint: of == joint,
-        lambda of, joint: ends(of, joint),  # ours_elbow under elbow
-        lambda of, joint: ends(joint, of),  # elbow under ours_elbow
-    )
-    for way in ways:
-        found = [[name for name, of in columns.items() if way(of, joint)] for joint in wanted]
-        if own and all(len(each) == 1 for each in found):
+    # Of a joint called elbow also ours_elbow, and of one called ours_elbow also elbow.
+    for matches in (_same, _ends_with, _is_end_of):
+        found = [
+            [name for name, words in words_of.items() if matches(words, joint)] for joint in wanted
+        ]
+        if all(len(each) == 1 for each in found):
             chosen = tuple(each[0] for each in found)
             if len(set(chosen)) == len(chosen):
                 return chosen
     return ()
 
 
+class _Place(NamedTuple):
+    """Where a joint sits on a limb; places follow each other from the base on."""
+
+    segment: int
+    motion: int  # 0 without a word of it
+    number: int  # 0 without one
+
+
 def _by_limb(names: Sequence[str], joints: int | None) -> tuple[str, ...]:
     """Return the columns with words of a limb, such as shoulder and elbow, from the base on."""
-    places: dict[str, tuple[int, int, int]] = {}
+    places = _places_on_limb(names)
+    if joints is None:
+        others = [name for name in names if name not in places]
+        segments = {place.segment for place in places.values()}
+        if len(segments) < _LEAST_SEGMENTS or len(numbered_joints(others, None)) > 2:
+            return ()  # two words may have other meanings; fingers are numbered, too
+        return _from_base_on(places)
+    if len(places) == joints:
+        return _from_base_on(places)
+    chosen = {
+        _from_base_on({name: places[name] for name in group})
+        for group in _parts_of_limb(places)
+        if len(group) == joints
+    } - {()}
+    return chosen.pop() if len(chosen) == 1 else ()
+
+
+def _places_on_limb(names: Sequence[str]) -> dict[str, _Place]:
+    """Return the place of each column with words of a limb that may be a joint."""
+    taken = {name for triple in positions_of(names).values() for name in triple}
+    places = {}
     for name in names:
         words = _bare(name)
         segments = [_SEGMENT[word] for word in words if word in _SEGMENT]
-        if segments:
+        other = name in taken or not _NO_JOINT.isdisjoint(words) or has_word(words, "time")
+        if segments and not other:
             motions = [_MOTION[word] for word in words if word in _MOTION]
             numbers = [int(word) for word in words if word.isdigit()]
-            places[name] = (max(segments), max(motions, default=0), max(numbers, default=0))
-    apart = len(set(places.values())) == len(places) and len({p[0] for p in places.values()}) > 1
-    enough = len(places) >= 2 if joints is None else len(places) == joints
-    return tuple(sorted(places, key=lambda name: places[name])) if apart and enough else ()
+            places[name] = _Place(max(segments), max(motions, default=0), max(numbers, default=0))
+    return places
+
+
+def _from_base_on(places: Mapping[str, _Place]) -> tuple[str, ...]:
+    """Return columns from the base on; empty unless all places differ, in two segments or more."""
+    apart = len(set(places.values())) == len(places)
+    segments = {place.segment for place in places.values()}
+    return tuple(sorted(places, key=places.__getitem__)) if apart and len(segments) > 1 else ()
+
+
+def _parts_of_limb(places: Mapping[str, _Place]) -> Iterator[list[str]]:
+    """Yield columns of equal other words, and all columns: also without a rail and without a hand.
+
+    An arm may stand on a rail and carry a hand that are no joints of its own.
+    """
+    for group in (list(places), *_by_other_words(list(places))):
+        for ends in ((), (_RAIL,), (_HAND,), (_RAIL, _HAND)):
+            yield [name for name in group if places[name].segment not in ends]
 
 
 def _by_letters(names: Sequence[str], joints: int | None) -> tuple[str, ...]:
     """Return the columns that are called by the letters of a maker, such as S, L, U, R, B, T."""
-    columns = {name: _bare(name) for name in names}
+    words_of = {name: _bare(name) for name in names}
     for letters in (each for each in _LETTERS if joints in (None, len(each))):
-        words = [tuple(re.findall(r"[a-z]+|\d+", plain(letter))) for letter in letters]
-        found = [[name for name, of in columns.items() if of[-len(w) :] == w] for w in words]
+        found = []
+        for letter in letters:
+            last = tuple(re.findall(r"[a-z]+|\d+", plain(letter)))
+            alike = [name for name, words in words_of.items() if _ends_with(words, last)]
+            # A time t may be beside a joint T.
+            exact = [name for name in alike if split_unit(name)[0].rstrip("_").endswith(letter)]
+            found.append(exact if len(alike) > 1 else alike)
         if all(len(each) == 1 for each in found):
             return tuple(each[0] for each in found)
     return ()
@@ -197,26 +281,30 @@ def named_by_text(names: Sequence[str], same: Mapping[str, str]) -> dict[str, st
     """Return names of numbered columns by numbered columns of text.
 
     A table of `/joint_states` has the joints' names under name0, name1, … and their positions under
-    position0, position1, ….
+    position0, position1, …: with 'elbow' in all rows of name0, position0 is "elbow position".
 
     Args:
         names: all columns.
         same: the text of each column of text that is the same in all rows.
     """
-    series: dict[str, dict[str, str]] = {}
+    series: dict[str, dict[str, str]] = {}  # columns by their number, by what is before it
     for name in names:
         if (found := _NUMBERED.match(split_unit(name)[0])) is not None:
             series.setdefault(found["stem"], {})[found["number"]] = name
-    lists = [of for of in series.values() if len(of) >= 2 and all(n in same for n in of.values())]
-    called: dict[str, str] = {}
-    for of in lists:
-        texts = {number: same[name] for number, name in of.items()}
+    lists = [
+        column_of
+        for column_of in series.values()
+        if len(column_of) >= 2 and all(name in same for name in column_of.values())
+    ]
+    alias_of: dict[str, str] = {}
+    for column_of in lists:
+        texts = {number: same[name] for number, name in column_of.items()}
         if len({plain(text) for text in texts.values()}) < len(texts):
             continue
         for stem, others in series.items():
-            if set(others) == set(of) and not set(others.values()) & set(same):
-                called |= {name: f"{texts[number]} {stem}" for number, name in others.items()}
-    return called
+            if set(others) == set(texts) and not set(others.values()) & set(same):
+                alias_of |= {name: f"{texts[number]} {stem}" for number, name in others.items()}
+    return alias_of
 
 
 def read_as(

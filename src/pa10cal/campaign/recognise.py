@@ -59,6 +59,22 @@ def unit_of(name: str) -> str:
     return split_unit(name)[1]
 
 
+def apart_by_letters(names: Sequence[str]) -> tuple[str, ...]:
+    """Return names in which a letter that tells columns apart is read as no unit.
+
+    tcp_C beside tcp_A and tcp_B becomes tcp_C_; of the letters of two others at least none is one.
+    """
+    others: dict[str, int] = {}
+    for name in names:
+        if name[-1:].isalpha() and not name[-2:-1].isalnum() and not canonical_unit(name[-1]):
+            others[name[:-1]] = others.get(name[:-1], 0) + 1
+    marked = [
+        f"{name}_" if others.get(name[:-1], 0) >= 2 and canonical_unit(name[-1]) else name
+        for name in names
+    ]
+    return tuple(m if m not in names else name for m, name in zip(marked, names, strict=True))
+
+
 # Words of names, in small letters without accents.
 
 _GREEK = {
@@ -69,6 +85,8 @@ _VOCABULARY = {
     kind: frozenset(words.split()) for kind, words in (WORDS["words"] | WORDS["single"]).items()
 }
 _ORIENTATIONS = [(tuple(endings.split()), word) for endings, word in WORDS["orientations"]]
+#: Kinds of words that a number may follow without a sign, as in tau1.
+_NUMBERED_KINDS = ("torque", "no position", "deviation")
 #: Words directly before or after x, y, z, as in `tcpx`.
 _BEFORE_AXIS = "p|t|pos|tcp|trans|coord|meas|act|ist"
 _AFTER_AXIS = "pos|ist|act|actual|mess|meas|measured|coord|koord|soll|nom|cmd"
@@ -115,7 +133,11 @@ def words_of_name(name: str) -> tuple[str, ...]:
 
 def has_word(words: Sequence[str], *kinds: str) -> bool:
     """Return whether one of the words is of one of these kinds of `WORDS`."""
-    return any(not _VOCABULARY[kind].isdisjoint(words) for kind in kinds)
+    bare = [word.rstrip("0123456789") for word in words]
+    return any(
+        not _VOCABULARY[kind].isdisjoint(bare if kind in _NUMBERED_KINDS else words)
+        for kind in kinds
+    )
 
 
 @dataclass(frozen=True)
@@ -176,7 +198,7 @@ def roles_of(
     ]
     attitude = _attitude(_without_words(certain, "no position"))
     free = [name for name in certain if attitude is None or name not in attitude[0]]
-    positions = _positions(free)
+    positions = positions_of(free)
     for label, triple in positions.items():
         u = of_whole.get("".join(words_of_name(label)), of_whole.get(""))
         if u is not None and not any(name in uncertain for name in triple):
@@ -184,12 +206,13 @@ def roles_of(
     taken = {name for triple in positions.values() for name in triple}
     free = [name for name in free if name not in taken]
     no_torques = _without_words(free, "torque")
-    torques = _numbered([name for name in free if name not in no_torques], joints)
     still = _without_words(no_torques, "no position")
-    turns = turns or _numbered(still, joints)
+    turns = turns or numbered_joints(still, joints)
+    of_torques = [name for name in free if name not in no_torques]
+    torques = numbered_joints(of_torques, joints or len(turns) or None)
     if not turns and joints == 4 and attitude is not None and attitude[1].startswith("quaternion"):
         # q0 … q3 of an arm with four joints are these, where nothing else is.
-        turns = _numbered([*still, *attitude[0]], joints)
+        turns = numbered_joints([*still, *attitude[0]], joints)
         attitude = None if turns else attitude
     free = [name for name in names if name in (*no_torques, *text) and name not in turns]
     single = _single_columns(free, text)
@@ -205,7 +228,7 @@ def _without_words(names: Sequence[str], *kinds: str) -> list[str]:
     return [name for name in names if not has_word(words_of_name(name), *kinds)]
 
 
-def _positions(names: Sequence[str]) -> dict[str, tuple[str, ...]]:
+def positions_of(names: Sequence[str]) -> dict[str, tuple[str, ...]]:
     """Return triples of columns x, y, z by the words before them; those of commands are last.
 
     Where there are none, x1, y1, z1, x2, … are places by their numbers.
@@ -250,7 +273,7 @@ def _measured_first(names: Sequence[str]) -> tuple[list[str], list[str]]:
     return [name for name in names if name not in commanded], commanded
 
 
-def _numbered(names: Sequence[str], joints: int | None) -> tuple[str, ...]:
+def numbered_joints(names: Sequence[str], joints: int | None) -> tuple[str, ...]:
     """Return columns of joints: numbered ones from 1 (or 0), or ones that are called joints.
 
     Of a few more columns than joints the first are taken: a gripper or an outer axis follows.
