@@ -177,18 +177,18 @@ def remedy_for(word: str, known: Iterable[str], otherwise: str) -> str:
 # Names that become folders and files: of campaigns, groups and robots.
 
 #: Longest name [letters]; with it the shortest limit of a usual file system has room for an ending.
-_LONGEST_NAME = 100
+LONGEST_NAME = 100
 
 
 def fits_a_folder(name: str) -> bool:
     """Return whether a name may become a file or folder, as `NAME_RULE` describes."""
     allowed = all(letter.isalnum() or letter in "-_." for letter in name)
-    return 0 < len(name) <= _LONGEST_NAME and allowed and name[0] not in ".-"
+    return 0 < len(name) <= LONGEST_NAME and allowed and name[0] not in ".-"
 
 
 #: Names of files and folders, in words.
 NAME_RULE = (
-    f"a name of at most {_LONGEST_NAME} letters, digits, '-', '_' and '.', not beginning with '.' "
+    f"a name of at most {LONGEST_NAME} letters, digits, '-', '_' and '.', not beginning with '.' "
     "or '-'"
 )
 

@@ -141,7 +141,8 @@ def test_one_more_column_of_a_limb_hides_no_joints(other):
 
 @pytest.mark.parametrize("sign", [" ", "_"])
 def test_the_orientation_is_of_the_body_that_moves(roles, sign):
-    base, tool = ([f"{of}{sign}{a}" for a in ("x y z rx ry rz").split()] for of in ("base", "tool"))
+    axes = ("x", "y", "z", "rx", "ry", "rz")
+    base, tool = ([f"{body}{sign}{axis}" for axis in axes] for body in ("base", "tool"))
     found = roles([*J, *base, *tool], 6, still=base)
     assert found.attitude[0] == tuple(tool[3:])
 

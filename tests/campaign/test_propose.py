@@ -16,7 +16,10 @@ from pa10cal.__main__ import main
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.urdf_writing import urdf_text
 from pa10cal.campaign.read import read_campaign
+from pa10cal.commands.data import _label_of
+from pa10cal.errors import fits_a_folder
 from pa10cal.files.arms import arm_text, joint_names, load_arm
+from pa10cal.settings import RESERVED
 
 Q = [f"q{j}_deg" for j in range(1, 7)]
 UR = ["shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3"]
@@ -284,6 +287,35 @@ def test_a_file_of_the_contract_needs_no_mapping(tmp_path, written):
     assert "columns" not in content
     assert content["name"] == "mine"
     assert len(read_campaign(folder).observations) == 40
+
+
+def test_of_a_file_of_the_contract_every_column_that_is_read_is_listed(tmp_path, written):
+    raw = sighted(tmp_path, "pose")
+    table = pd.read_csv(io.StringIO("\n".join(raw.poses)))
+    beside = {"tau1_Nm": 1.5, "u_q1_deg": 0.01, "temperature_C": 20.0, "note": 7.5, "u_note": 1.5}
+    _, text, _ = written(table.assign(**beside))
+    not_read = [line.split()[1] for line in text.splitlines() if line.endswith("  not read")]
+    assert not_read == ["tau1_Nm", "note", "u_note"]  # torques are of all joints or of none
+    torques = {f"tau{j}_Nm": np.arange(len(table)) for j in range(1, 7)}
+    _, text, _ = written(table.assign(**(beside | torques)))
+    assert "not read" not in "".join(line for line in text.splitlines() if "tau" in line)
+
+
+@pytest.mark.parametrize(
+    ("folder", "name"),
+    [
+        ("measured", "my-measured"),
+        ("2024.05.01-ur10", "2024.05.01-ur10"),
+        ("Meßreihe (2) ½", "Meßreihe--2--½"),
+        ("e\u0301té", "e-té"),
+        (".-", "mine"),
+        ("long" * 40, "long" * 25),
+    ],
+)
+def test_the_name_of_a_folder_becomes_one_that_run_accepts(folder, name):
+    assert _label_of(folder) == name
+    assert fits_a_folder(name)
+    assert name not in RESERVED
 
 
 @pytest.mark.parametrize(

@@ -30,6 +30,7 @@ from pa10cal.datasets.measured import (
     page_text,
 )
 from pa10cal.datasets.measured import main as write_page
+from pa10cal.errors import SettingsError
 from pa10cal.results.codec import read
 from pa10cal.results.evaluation import TransferRecord
 from pa10cal.results.outcomes import (
@@ -192,6 +193,26 @@ def test_at_hand_are_folders_of_campaigns_and_data_sets_that_were_fetched(tmp_pa
     assert found["titan-fixed"].source == here / "titan-robot-accuracy"
     assert list(files_of(found["ma2010-0516"])) == [elsewhere / "a.csv"]
     assert list(groups_of(found)) == ["ma2010"]
+
+
+def test_a_folder_of_a_data_set_that_is_not_there_is_refused(tmp_path, monkeypatch):
+    sources = {"titan-robot-accuracy": str(tmp_path / "titn")}
+    with pytest.raises(SettingsError, match=r"titan-robot-accuracy: there is no such folder.*titn"):
+        at_hand(tmp_path, sources, tmp_path / "imported")
+    (tmp_path / "titan").mkdir()
+    monkeypatch.setenv("HOME", str(tmp_path))
+    found = at_hand(tmp_path, {"titan-robot-accuracy": "~/titan"}, tmp_path / "imported")
+    assert found["titan-fixed"].source == tmp_path / "titan"
+
+
+def test_a_campaign_is_read_from_the_folder_of_arms_beside_it_too(tmp_path):
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "arms").mkdir()
+    files = [tmp_path / "arms/my_arm.yaml", tmp_path / "mine/campaign.yaml"]
+    files[0].write_text("")
+    files[1].write_text("robot: my_arm\n")
+    found = at_hand(tmp_path, {}, tmp_path / "imported")
+    assert list(files_of(found["mine"])) == files
 
 
 def test_an_address_of_a_data_set_hides_no_folder_into_which_it_was_fetched(tmp_path):

@@ -4,11 +4,14 @@
 # configured campaigns.
 from pa10cal.datasets.known_campaigns import at_hand, files_of, groups_of
 
-MEASURED = at_hand(
-    Path(SETTINGS.measured_dir),
-    SETTINGS.dataset_sources,
-    Path(SETTINGS.results_dir, "datasets", "raw"),
-)
+try:
+    MEASURED = at_hand(
+        Path(SETTINGS.measured_dir),
+        SETTINGS.dataset_sources,
+        Path(SETTINGS.results_dir, "datasets", "raw"),
+    )
+except Pa10calError as error:
+    refuse(error)
 MEASURED_GROUPS = groups_of(MEASURED)
 
 

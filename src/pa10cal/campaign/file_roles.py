@@ -9,7 +9,6 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -32,6 +31,7 @@ from pa10cal.campaign.recognise import (
     roles_of,
     split_unit,
     standing,
+    unit_of,
     with_matrix,
     with_polar,
     words_of_name,
@@ -51,6 +51,8 @@ _LEAST_SEGMENTS = 3
 #: Letters that stand for the joints of an arm, in order.
 _LETTERS = tuple(tuple(letters.split()) for letters in _LIMB["letters"])
 _NUMBERED = re.compile(r"^(?P<stem>.*?\D)(?P<number>\d+)$")
+#: Columns of the contract that are read wherever they are.
+_CONTRACT_ALONE = ("time_s", "kind", "pose", "load_N", "repeat", "temperature_C")
 #: Columns are text if less than this part of their fields are numbers.
 _NUMBERS = 0.5
 #: Larger positions are no radians.
@@ -312,7 +314,8 @@ def read_as(
 ) -> tuple[str, ...]:
     """Return a line for every column of a file: what it is read as, or that it is not read.
 
-    Without an arm all joints are taken for revolute ones.
+    Without an arm all joints are taken for revolute ones. A file of the contract needs no mapping
+    of what it states beside its readings.
     """
     model = FileColumns.model_validate(columns)
     count = 0 if model.joints is None else len(model.joints.names)
@@ -324,6 +327,11 @@ def read_as(
             uses.setdefault(own, {})[how] = None
     if model.target is not None:
         uses.setdefault(model.target.names[0], {})["which target the row is of"] = None
+    if follows_contract(sniffed):
+        for name in sniffed.names:
+            if name in _CONTRACT_ALONE or name.removeprefix("u_") in uses:
+                unit = unit_of(name)
+                uses.setdefault(name, {in_words(name) + (f", in {unit}" if unit else ""): None})
     encoding = sniffed.encoding.removesuffix("-sig")
     encoding = encoding or ("arrays" if sniffed.format else "a workbook")
     lines = [f"{file}: {encoding}, {len(sniffed.names)} columns, {len(sniffed.text)} rows seen"]
@@ -404,10 +412,3 @@ def refuse_unrecognised(
         "write columns.poses in campaign.yaml by hand, see docs/raw-data.md; column names may "
         "also be numbers",
     )
-
-
-def label_of(path: Path) -> str:
-    """Return a name for a campaign from the name of its file or folder."""
-    stem = path.name.partition(".")[0]
-    letters = "".join(letter if letter.isalnum() or letter in "-_" else "-" for letter in stem)
-    return letters.strip("-_") or "mine"

@@ -42,7 +42,7 @@ def columns(
     """
     import sys
 
-    from pa10cal.campaign.file_roles import follows_contract, label_of
+    from pa10cal.campaign.file_roles import follows_contract
     from pa10cal.campaign.propose import propose, propose_two_logs
     from pa10cal.campaign.sniffing import sniff
     from pa10cal.errors import SettingsError, one_line
@@ -63,7 +63,7 @@ def columns(
         robot = robot.removesuffix(".yaml")
         arm = load_arm(robot, folder, arms)
         names = joint_names(robot, folder, arms)
-    label, robot_name = name or label_of(folder.absolute()), robot or "my_arm"
+    label, robot_name = name or _label_of(folder.absolute().name), robot or "my_arm"
     sniffed = [sniff(file) for file in files]
     if len(files) == 2:
         logs, paths = (sniffed[0], sniffed[1]), (files[0], files[1])
@@ -83,6 +83,16 @@ def columns(
     if sys.stdout.isatty():
         print(f"\nSave this as {folder / 'campaign.yaml'}, correct it, and then:")
         print(f"  pa10cal run {folder}")
+
+
+def _label_of(folder: str) -> str:
+    """Return a name for a campaign that `run` accepts, from the name of its folder."""
+    from pa10cal.errors import LONGEST_NAME, fits_a_folder
+    from pa10cal.settings import RESERVED
+
+    letters = "".join(letter if fits_a_folder(f"a{letter}") else "-" for letter in folder)
+    label = letters[:LONGEST_NAME].strip("-_.") or "mine"
+    return f"my-{label}" if label in RESERVED else label
 
 
 def _yaml_text(content: object) -> str:

@@ -108,7 +108,7 @@ def fetch(dataset: DataSet, folder: Path, source: str | None = None) -> tuple[st
     }
     base = published.address
     if source is not None:
-        base = source if "://" in source else Path(source).resolve().as_uri()
+        base = source if "://" in source else Path(source).expanduser().resolve().as_uri()
         base = base if base.endswith("/") else f"{base}/"
     contents = {name: _content(base + quote(name)) for name in missing}
     differing = tuple(

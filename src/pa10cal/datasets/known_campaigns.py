@@ -9,8 +9,9 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from pa10cal.errors import RecordError
+from pa10cal.errors import RecordError, SettingsError
 from pa10cal.input_files import is_file
+from pa10cal.planning.campaign import arm_files
 from pa10cal.yaml_file import read_yaml
 
 
@@ -56,13 +57,29 @@ def at_hand(measured_dir: Path, sources: Mapping[str, str], imported: Path) -> d
     A folder holds campaigns, and data sets in folders of their names, where `sources` does not name
     another folder; from an address a data set is fetched into the folder of its name. `imported`
     gets the campaigns that are imported.
+
+    Raises:
+        SettingsError: when a folder that `sources` names is not there.
     """
+    folders = {
+        dataset: Path(stated).expanduser()
+        for dataset, stated in sources.items()
+        if stated and "://" not in stated
+    }
+    for dataset, folder in folders.items():
+        if not folder.is_dir():
+            raise SettingsError(
+                "there is no such folder",
+                where=f"dataset_sources: {dataset}",
+                value=str(folder),
+                allowed="a folder with the files of the data set, or an address",
+                remedy="correct the path, or remove it",
+            )
     there = {path.parent.name: path.parent for path in measured_dir.glob("*/campaign.yaml")}
     found = {}
     for name, known in CAMPAIGNS.items():
         dataset = known.dataset or ""
-        stated = sources.get(dataset, "")
-        source = measured_dir / dataset if not stated or "://" in stated else Path(stated)
+        source = folders.get(dataset, measured_dir / dataset)
         if name in there:
             found[name] = AtHand(there[name])
         elif dataset and source.is_dir():
@@ -81,6 +98,7 @@ def groups_of(campaigns: Mapping[str, object]) -> dict[str, tuple[str, ...]]:
 
 
 def files_of(hand: AtHand) -> Iterator[Path]:
-    """Yield the files that a campaign is read from, those that are there."""
+    """Yield the files that a campaign is read from, those that are there, with its arm's."""
     folder = hand.folder if hand.source is None else hand.source
-    yield from sorted(path for path in folder.rglob("*") if is_file(path, folder))
+    files = {path for path in folder.rglob("*") if is_file(path, folder)}
+    yield from sorted(files.union(arm_files(folder)))
