@@ -82,10 +82,13 @@ def test_measured_robots_are_planned_of_folders_and_of_data_sets_that_were_fetch
     here = tmp_path / "measured"
     for name in ("ma2010-0516", "ma2010-0801", "iiwa7-free"):
         (here / name).mkdir(parents=True)
-        (here / name / "campaign.yaml").write_text(f"name: {name}\n")
+        (here / name / "campaign.yaml").write_text(f"name: {name}\nrobot: my_arm\n")
+    (here / "arms").mkdir()
+    (here / "arms/my_arm.yaml").write_text("")
     write_titan(here / "titan-robot-accuracy")
     code, text = snakemake("-n", "measured", sources={}, more=[f"measured_dir={here}"])
     assert code == 0, text
+    assert str(here / "arms/my_arm.yaml") in text
     assert planned(text) == {"measured_campaign": 5, "measured_group": 1, "measured": 1, "total": 7}
 
 

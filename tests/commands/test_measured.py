@@ -205,16 +205,6 @@ def test_a_folder_of_a_data_set_that_is_not_there_is_refused(tmp_path, monkeypat
     assert found["titan-fixed"].source == tmp_path / "titan"
 
 
-def test_a_campaign_is_read_from_the_folder_of_arms_beside_it_too(tmp_path):
-    (tmp_path / "mine").mkdir()
-    (tmp_path / "arms").mkdir()
-    files = [tmp_path / "arms/my_arm.yaml", tmp_path / "mine/campaign.yaml"]
-    files[0].write_text("")
-    files[1].write_text("robot: my_arm\n")
-    found = at_hand(tmp_path, {}, tmp_path / "imported")
-    assert list(files_of(found["mine"])) == files
-
-
 def test_an_address_of_a_data_set_hides_no_folder_into_which_it_was_fetched(tmp_path):
     (tmp_path / "titan-robot-accuracy").mkdir()
     sources = {"titan-robot-accuracy": "https://example.invalid/"}

@@ -19,6 +19,8 @@ rule measured_campaign:
     """One measured campaign from its files, or those of its data set, to its model."""
     input:
         lambda wildcards: files_of(MEASURED[wildcards.measured]),
+        # of the campaign's own arm, which may lie in a folder beside it
+        lambda wildcards: arm_files(MEASURED[wildcards.measured].folder),
     output:
         measured_result("{measured}/chain.json"),
     log:

@@ -11,7 +11,6 @@ from pathlib import Path
 
 from pa10cal.errors import RecordError, SettingsError
 from pa10cal.input_files import is_file
-from pa10cal.planning.campaign import arm_files
 from pa10cal.yaml_file import read_yaml
 
 
@@ -98,7 +97,6 @@ def groups_of(campaigns: Mapping[str, object]) -> dict[str, tuple[str, ...]]:
 
 
 def files_of(hand: AtHand) -> Iterator[Path]:
-    """Yield the files that a campaign is read from, those that are there, with its arm's."""
+    """Yield the files that a campaign is read from, those that are there."""
     folder = hand.folder if hand.source is None else hand.source
-    files = {path for path in folder.rglob("*") if is_file(path, folder)}
-    yield from sorted(files.union(arm_files(folder)))
+    yield from sorted(path for path in folder.rglob("*") if is_file(path, folder))
