@@ -16,7 +16,7 @@ from pa10cal.__main__ import main
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.urdf_writing import urdf_text
 from pa10cal.campaign.read import read_campaign
-from pa10cal.commands.data import _label_of
+from pa10cal.commands.data import label_of
 from pa10cal.errors import fits_a_folder
 from pa10cal.files.arms import arm_text, joint_names, load_arm
 from pa10cal.settings import RESERVED
@@ -313,7 +313,7 @@ def test_of_a_file_of_the_contract_every_column_that_is_read_is_listed(tmp_path,
     ],
 )
 def test_the_name_of_a_folder_becomes_one_that_run_accepts(folder, name):
-    assert _label_of(folder) == name
+    assert label_of(folder) == name
     assert fits_a_folder(name)
     assert name not in RESERVED
 

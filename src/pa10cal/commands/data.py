@@ -63,7 +63,7 @@ def columns(
         robot = robot.removesuffix(".yaml")
         arm = load_arm(robot, folder, arms)
         names = joint_names(robot, folder, arms)
-    label, robot_name = name or _label_of(folder.absolute().name), robot or "my_arm"
+    label, robot_name = name or label_of(folder.absolute().name), robot or "my_arm"
     sniffed = [sniff(file) for file in files]
     if len(files) == 2:
         logs, paths = (sniffed[0], sniffed[1]), (files[0], files[1])
@@ -85,7 +85,7 @@ def columns(
         print(f"  pa10cal run {folder}")
 
 
-def _label_of(folder: str) -> str:
+def label_of(folder: str) -> str:
     """Return a name for a campaign that `run` accepts, from the name of its folder."""
     from pa10cal.errors import LONGEST_NAME, fits_a_folder
     from pa10cal.settings import RESERVED
