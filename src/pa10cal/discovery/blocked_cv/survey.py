@@ -179,15 +179,16 @@ def interleaved_blocks(count: int) -> Index:
 def consecutive_blocks(poses: Observations) -> Index:
     """Return block numbers (P,) of consecutive poses, a tenth of every campaign in each block.
 
-    If each block held a single campaign, differences between campaigns would count as chance. Poses
-    of one block that are apart from all others are dealt to the smallest blocks, one by one, and
-    the others are divided without them.
+    If each block held a single campaign, differences between campaigns would count as chance. The
+    last poses of one campaign, if they are apart from all others, are dealt to the smallest blocks,
+    one by one, and the others are divided without them.
     """
     campaign = poses.states.campaign
-    if campaign is None:
-        campaign = np.zeros(len(poses), dtype=np.intp)
+    if campaign is not None:
+        return _tenths(campaign)
+    campaign = np.zeros(len(poses), dtype=np.intp)
     block = _tenths(campaign)
-    apart = _poses_apart(poses.states.q_rad, block)
+    apart = _last_apart(poses.states.q_rad, block)
     if len(apart):
         others = np.delete(np.arange(len(poses)), apart)
         block[others] = _tenths(campaign[others])
@@ -223,14 +224,14 @@ def _tenths(campaign: Index) -> Index:
     return block
 
 
-def _poses_apart(q_rad: Array, block: Index) -> Index:
-    """Return poses of one block at joint positions (P, n) outside those of all other blocks.
+def _last_apart(q_rad: Array, block: Index) -> Index:
+    """Return poses of the last block at joint positions (P, n) outside those of all other blocks.
 
-    As where poses of another region, or those that a verdict asked for, were measured last. If they
-    were held out together, what they show would be in one block, which is then predicted badly
-    whatever the model holds. None if they are no more than ranges of joints have by chance, if
-    poses of another block are apart too, as in rows sorted by a joint, or along a path, where poses
-    that are close together err alike.
+    As where poses that a verdict asked for were measured after all others. If they were held out
+    together, what they show would be in one block, which is then predicted badly whatever the model
+    holds. None if they are no more than ranges of joints have by chance, if poses of another block
+    are apart too, as in rows sorted by a joint, or along a path, where poses that are close
+    together err alike.
     """
     if along_a_path(q_rad):
         return np.zeros(0, np.intp)
@@ -240,9 +241,9 @@ def _poses_apart(q_rad: Array, block: Index) -> Index:
         others = q_rad[~here]
         apart |= here & np.any((q_rad < others.min(axis=0)) | (q_rad > others.max(axis=0)), axis=1)
     count = np.bincount(block[apart], minlength=BLOCKS.blocks)
-    most, second = np.argsort(-count)[:2]
-    alone = count[most] >= max(BLOCKS.least_apart, 2 * count[second])
-    return np.flatnonzero(apart & (block == most) & alone)
+    last = BLOCKS.blocks - 1
+    alone = count[last] >= max(BLOCKS.least_apart, 2 * count[:last].max())
+    return np.flatnonzero(apart & (block == last) & alone)
 
 
 def _with_spring_loads_from_log(poses: Observations) -> Observations:
