@@ -140,7 +140,7 @@ class Blocks:
 
     blocks: int = 10  # blocks of poses (trials)
     least_poses: int = 10  # least poses of a block (statistics)
-    # poses of the last block outside the joint positions of all others, from which on they are dealt
+    # poses of the last block outside the joint positions of all others, from which they are dealt
     # to all blocks; ranges of six joints have one or two of them by chance (statistics)
     least_apart: int = 5
     standard_errors: float = 3.0  # least gain of an effect, in standard errors over blocks (level)
