@@ -11,7 +11,7 @@ import pytest
 from made_up_arm import Missing, at_joint, measure
 from made_up_model import fitted_to
 from made_up_poses import context_of
-from pa10cal.discovery import gates
+from pa10cal.discovery import gates, refitted_verdict
 from pa10cal.discovery.evidence.by_repeats import ByRepeats
 from pa10cal.discovery.gates import gated, reasons_against_none, with_cable_torques
 from pa10cal.discovery.lack_of_fit import pure_error_test
@@ -250,7 +250,8 @@ def test_an_alternative_that_passes_stands_in(monkeypatch, soft_wrist):
     assert names(after) == [("joint_compliance", "joint 4")]
     assert after.effects[0].parameters["K"].value == pytest.approx(3000.0, rel=0.02)
     assert finding.effect not in after.model.model.terms
-    monkeypatch.setattr(gates, "unfit", lambda _each, _model, _states=None: iter(["it is made up"]))
+    for module in (gates, refitted_verdict):
+        monkeypatch.setattr(module, "unfit", lambda *_of_effect: iter(["it is made up"]))
     neither = gated(found)
     assert neither.verdict == "unexplained"
     assert why(neither) == "link_torsion of forearm fits best, but is not named: it is made up"
