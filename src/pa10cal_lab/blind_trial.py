@@ -301,6 +301,10 @@ class BlindTrial:
             name == named.name or not each.outside for each in here
         )
 
+    def _leaves_open(self, named: FoundEffect) -> bool:
+        """Return whether the name of a finding describes a hidden error by the joint's angle."""
+        return self._describes_error_by_angle(named.name, named)
+
     def without_springs(self) -> BlindTrial:
         """Return the trial without findings of springs that the arm has."""
         springs = self._true_springs
@@ -328,13 +332,6 @@ class BlindTrial:
             elif named.id in (hidden.id, *kind.also_called) or (named.id == MAP and kind.by_angle):
                 return True
         return False
-
-    def _leaves_open(self, named: FoundEffect) -> bool:
-        """Return whether a finding is a map of a hidden error by the joint's angle, or its line."""
-        here = [each for each in self.hidden if each.of == named.of and _kind_of(each).by_angle]
-        if named.id == LINE:
-            return any(is_right(each, line_of(named)) for each in here)
-        return named.id == MAP and bool(here)
 
     def outcome(self, hidden: results.HiddenEffect) -> str:
         """Return the outcome of a hidden effect: an id of the vocabulary, or a word such as LISTED.

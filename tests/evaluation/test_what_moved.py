@@ -15,7 +15,7 @@ from pa10cal.calibration.general.case import fitted
 from pa10cal.errors import ModelError
 from pa10cal.evaluation.parameter_differences import differences
 from pa10cal.evaluation.what_moved import drift, what_moved
-from pa10cal.figures.drift import write_drift
+from pa10cal.figures.draw import write_drift
 from pa10cal.files.arms import load_arm
 from pa10cal.terms.effects.structure import LinkTorsion, ToolSag
 from pa10cal.terms.field import Field

@@ -522,7 +522,7 @@ def drift(models: tuple[Path, ...], *, out: Path, figures: Path | None = None) -
     write(record, out)
     if figures is not None:
         from pa10cal.command_settings import FigureOptions
-        from pa10cal.figures.drift import write_drift
+        from pa10cal.figures.draw import write_drift
 
         write_drift(record, figures, out.stem, FigureOptions().png_dpi)
     for step in record.steps:

@@ -167,7 +167,8 @@ def _of_one_joint(readings: Observations, model: FittedModel, apart: Array, out:
     """
     rows = np.flatnonzero(out & np.any(apart != 0.0, axis=1))
     off = readings.take(rows)
-    if len(rows) < ROWS.least_of_a_joint or off.measured.components_seen.sum(axis=1).min() < 3:
+    seen_count = off.measured.components_seen.sum(axis=1)
+    if len(rows) < ROWS.least_of_a_joint or seen_count.min() < ROWS.least_components:
         return False
     whitener = whitener_of(off.measured.stated_covariance)
     white = (whitener @ apart[rows, :, None])[:, :, 0]

@@ -416,6 +416,8 @@ class Rows:
     most_targets: int = 5  # most targets of which every order is tried (computing)
     # probability that any reading is excluded where none is wrong and errors are normal (level)
     excluded_rate: float = 0.1
+    # components of a reading below which a joint explains any deviation of it (statistics)
+    least_components: int = 3
     # readings before and after a reading: if most of them are off as well, it is no gross error
     # (trials)
     neighbours: int = 5

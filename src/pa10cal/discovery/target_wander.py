@@ -19,13 +19,10 @@ from pa10cal.discovery import linear
 from pa10cal.discovery.linear import WhitenedPoses
 from pa10cal.discovery.rules import BLOCKS, MOTION
 from pa10cal.discovery.tuning import COMPUTING
+from pa10cal.fit.discrepancy import less_far_off
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
-
-#: Seconds of a minute (unit).
-_MINUTE_S = 60.0
-#: Size from which on residuals of a pose weigh less, over the usual one (computing).
-_FAR = 2.0
+from pa10cal.observe.time_order import duration_text
 
 
 @dataclass(frozen=True)
@@ -42,8 +39,8 @@ def in_words(found: TargetWander | None) -> str | None:
         return None
     return (
         f"readings of single targets wander in time by {found.rms_mm:.2g} mm (root mean square), "
-        f"each by itself for about {found.lasting_s / _MINUTE_S:.2g} min: distances "
-        "between targets change as much as all of them move together, so this is no motion of the "
+        f"each by itself for about {duration_text(found.lasting_s)}: distances between targets "
+        "change as much as all of them move together, so this is no motion of the "
         "instrument or the base; means of readings that follow each other are less certain than "
         "independent noise would make them"
     )
@@ -86,9 +83,7 @@ def _rows_in_time(at: FittedModel, poses: Observations, residual: Array) -> Whit
     targets together, too. Poses far outside the others weigh less.
     """
     root = np.sqrt(np.diagonal(poses.measured.stated_covariance, axis1=1, axis2=2))
-    size = np.linalg.norm(residual / root, axis=1)
-    far = _FAR * float(np.median(size))
-    weight = np.minimum(1.0, far / np.maximum(size, np.finfo(float).tiny))
+    weight = less_far_off(poses.measured, residual / root)
     whitener = (weight[:, None] / root)[:, :, None] * np.eye(root.shape[1])
     order = np.argsort(poses.states.time_s, kind="stable")
     return WhitenedPoses(at, poses, residual, whitener).take(order)

@@ -188,7 +188,7 @@ def _by_variance(measured: Instrument, residual: Array, variance: Array) -> Arra
     return weight
 
 
-def _less_far_off(measured: Instrument, white: Array) -> Array:
+def less_far_off(measured: Instrument, white: Array) -> Array:
     """Return by how much poses count in the fit of the others, (P,), by white residuals (P, b)."""
     seen = measured.components_seen
     size = np.sqrt((white**2).sum(axis=1) / np.maximum(seen.sum(axis=1), 1))
@@ -326,7 +326,7 @@ class RowsAboutFit:
         by_variance = _by_variance(measured, rows.residual, variance)
         white = by_variance * rows.residual
         if weight is None:
-            weight = by_variance * _less_far_off(measured, white)[:, None]
+            weight = by_variance * less_far_off(measured, white)[:, None]
         sizes = possible_sizes(at, measured if count else None)
         of_field = np.append(at.having("field"), np.zeros(len(sizes) - len(at.parameters), bool))
         # Residuals are with the field, whose prior mean is zero.

@@ -1,4 +1,4 @@
-"""Poses along a path: whether they are, which to hold out, and which held-out ones lie near others.
+"""Where poses lie among others: along a path, near them, or outside the positions of their joints.
 
 An error at every n-th pose held out shows only how well the model interpolates between measured
 poses. How well it predicts where nothing was measured needs whole stretches held out (block
@@ -20,6 +20,12 @@ from pa10cal.rules import ORDER
 def spread_of(q: Array) -> float:
     """Return the root mean square distance of joint positions (P, n) from their mean [rad, m]."""
     return float(np.sqrt(np.mean(np.sum((q - q.mean(axis=0)) ** 2, axis=1))))
+
+
+def outside_ranges(q: Array, others: Array) -> Mask:
+    """Return which joint positions (P, n) lie outside the ranges of others (N, n), (P,)."""
+    low, high = others.min(axis=0), others.max(axis=0)
+    return np.asarray(np.any((q < low) | (q > high), axis=1))
 
 
 def along_a_path(q: Array) -> bool:

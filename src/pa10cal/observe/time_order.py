@@ -16,6 +16,7 @@ from scipy.spatial import cKDTree
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index, Mask
 from pa10cal.observe.observations import Observations
+from pa10cal.observe.paths import outside_ranges
 from pa10cal.results.record import plain_number
 from pa10cal.rules import ORDER
 
@@ -282,8 +283,7 @@ def at_one_end(states: PoseStates, chosen: Mask) -> str:
     part, others = order[:length], order[length:]
     if end == "last":
         part, others = order[-length:], order[:-length]
-    q, q_others = states.q_rad[part[chosen[part]]], states.q_rad[others]
-    apart = np.any((q < q_others.min(axis=0)) | (q > q_others.max(axis=0)), axis=1)
+    apart = outside_ranges(states.q_rad[part[chosen[part]]], states.q_rad[others])
     if 2 * np.count_nonzero(apart) > len(apart):
         why = (
             "most of these are at joint positions outside those of all others, so the model may "
@@ -297,8 +297,8 @@ def at_one_end(states: PoseStates, chosen: Mask) -> str:
     else:
         why = "something changed there; measure these poses again, or leave them out"
     durations = (
-        _duration(float(np.ptp(states.time_s[part]))),
-        _duration(float(np.ptp(states.time_s)), _HOUR_S),
+        duration_text(float(np.ptp(states.time_s[part]))),
+        duration_text(float(np.ptp(states.time_s)), _HOUR_S),
     )
     return (
         f"{best + 1} of {chosen_count} are among the {end} {length} of {count} poses, the {end} "
@@ -306,7 +306,7 @@ def at_one_end(states: PoseStates, chosen: Mask) -> str:
     )
 
 
-def _duration(time_s: float, hours_from_s: float = 2.0 * _HOUR_S) -> str:
+def duration_text(time_s: float, hours_from_s: float = 2.0 * _HOUR_S) -> str:
     """Return a duration in minutes, or in hours from some duration on."""
     if time_s < hours_from_s:
         return f"{plain_number(time_s / _MINUTE_S, 2)} min"

@@ -21,7 +21,7 @@ from pa10cal.errors import DiscoveryError
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.validity import AngleCoverage, angles_seen
 from pa10cal.observe.observations import Observations
-from pa10cal.observe.paths import along_a_path
+from pa10cal.observe.paths import along_a_path, outside_ranges
 from pa10cal.rules import ANGLES
 from pa10cal.terms.effects.effect import CandidateContext, Effect
 
@@ -238,8 +238,7 @@ def _last_apart(q_rad: Array, block: Index) -> Index:
     apart = np.zeros(len(block), bool)
     for number in range(BLOCKS.blocks):
         here = block == number
-        others = q_rad[~here]
-        apart |= here & np.any((q_rad < others.min(axis=0)) | (q_rad > others.max(axis=0)), axis=1)
+        apart[here] = outside_ranges(q_rad[here], q_rad[~here])
     count = np.bincount(block[apart], minlength=BLOCKS.blocks)
     last = BLOCKS.blocks - 1
     alone = count[last] >= max(BLOCKS.least_apart, 2 * count[:last].max())

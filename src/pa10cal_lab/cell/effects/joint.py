@@ -63,6 +63,10 @@ class SimulatedGearLine(Harmonic):
         """Return it of a wheel that turns 30 to 160 times."""
         return super().at_size(site, size, rng) | {"k": float(rng.uniform(30.0, 160.0))}
 
+    @classmethod
+    def formula_numbers(cls, parameters: Mapping[str, Any]) -> tuple[float, ...]:
+        return (parameters["k"],)
+
     def cycles_of(self, _joint: effect.JointState) -> float:
         return self.k
 
