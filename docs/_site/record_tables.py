@@ -22,7 +22,8 @@ from pydantic.fields import FieldInfo
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 
 from pa10cal.files.output import write_text
-from pa10cal.results.record import Key, Part, Record, Shape, Table, entry_dtype
+from pa10cal.results.arrays import Shape, entry_dtype
+from pa10cal.results.record import Key, Part, Record, Table
 
 #: Modules of records, in the order of the docs.
 _MODULES = (

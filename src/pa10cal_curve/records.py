@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import JsonValue
 
-from pa10cal.results import record
+from pa10cal.results import arrays, record
 from pa10cal.results.evaluation import Distances
 
 _Settings = Mapping[Annotated[str, record.Key("option")], JsonValue]
@@ -70,12 +70,12 @@ class IndividualFit(record.Part):
 class ErrorsByPose(record.Part):
     """Position error of every pose, model by model."""
 
-    pose: record.LabelColumn  # label of the pose
-    held_out: record.FlagColumn  # whether it was held out
-    nominal_mm: record.Column  # nominal model [mm]
-    two_level_mm: record.Column  # two-level model [mm]
-    two_level_all_mm: record.Column  # two-level model, all poses inside [mm]
-    general_mm: record.Column  # general model [mm]
+    pose: arrays.LabelColumn  # label of the pose
+    held_out: arrays.FlagColumn  # whether it was held out
+    nominal_mm: arrays.Column  # nominal model [mm]
+    two_level_mm: arrays.Column  # two-level model [mm]
+    two_level_all_mm: arrays.Column  # two-level model, all poses inside [mm]
+    general_mm: arrays.Column  # general model [mm]
 
 
 class Individual(record.Part):
@@ -92,9 +92,9 @@ class Individual(record.Part):
 class Postures(record.Part):
     """Where the links of the first individual join in every pose."""
 
-    shape: record.LabelColumn  # kind of curve of each pose
+    shape: arrays.LabelColumn  # kind of curve of each pose
     # where links join, in the base frame [m]
-    p_m: Annotated[NDArray[np.float64], record.Shape("poses", "points", 3)]
+    p_m: Annotated[NDArray[np.float64], arrays.Shape("poses", "points", 3)]
 
 
 @record.filed("pa10cal-curve-calibration/1", "curve/calibration.json", by="curve_calibration")

@@ -15,7 +15,8 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from pa10cal.results.discovery import FoundEffect
-from pa10cal.results.record import SURE, Name
+from pa10cal.results.number_text import SURE
+from pa10cal.results.record import Name
 from pa10cal_lab import trial_records as results
 from pa10cal_lab.cell.effects.effect import SimulatedEffect, TorqueLogEffect
 from pa10cal_lab.cell.effects.vocabulary import all_effects, nameless

@@ -20,7 +20,7 @@ from pa10cal.figures.registry import NothingToShowError, picture
 from pa10cal.figures.table import ResultTable, frame_of
 from pa10cal.reports.theme import BLACK, BLUE, GREY, ORANGE, SEPARATOR, SKY, VERMILLION
 from pa10cal.results.codec import read
-from pa10cal.results.record import HALF_WIDTH_95
+from pa10cal.results.number_text import HALF_WIDTH_95
 from pa10cal_lab.trial_records import JudgedTrial, ScoreRow, TrialScoresRecord
 
 #: The file of a results folder that these are drawn of.

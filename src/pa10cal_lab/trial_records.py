@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import JsonValue
 
-from pa10cal.results import record
+from pa10cal.results import arrays, record
 from pa10cal.results.calibration import Grade
 from pa10cal.results.discovery import VerdictKeys
 
-_Rows = Annotated[NDArray[np.float64], record.Shape("rows", "joints")]
+_Rows = Annotated[NDArray[np.float64], arrays.Shape("rows", "joints")]
 
 
 # `<campaign>.truth.json`: all that a simulated campaign hides. No estimate reads it.
@@ -32,10 +32,10 @@ class TrueTool(record.Part):
     """The tool as it is."""
 
     mass_kg: float  # mass [kg]
-    com_m: record.Vector3  # centre of mass in the end-effector frame [m]
-    load_point_m: record.Vector3  # where loads act, in the end-effector frame [m]
+    com_m: arrays.Vector3  # centre of mass in the end-effector frame [m]
+    load_point_m: arrays.Vector3  # where loads act, in the end-effector frame [m]
     # places of the targets in the end-effector frame [m]
-    targets_m: Mapping[Annotated[str, record.Key("target")], record.Vector3]
+    targets_m: Mapping[Annotated[str, record.Key("target")], arrays.Vector3]
 
 
 class TrueEffect(record.EffectName):
@@ -61,14 +61,14 @@ class TruthRecord(record.CampaignRecord):
     kcub_reading: str  # where the stiffness of the joints comes from
     # departures of the rows and stiffness; of an arm that departs in any way stiffness alone
     parameters: Mapping[record.ParameterKey, TrueParameter]
-    T_instr_base_m: record.PoseMatrix  # base frame in the instrument's frame [m]
+    T_instr_base_m: arrays.PoseMatrix  # base frame in the instrument's frame [m]
     # frame of each joint in that of the joint before it [m]
-    joint_placements_m: Annotated[NDArray[np.float64], record.Shape("joints", 4, 4)]
-    T_last_joint_ee_m: record.PoseMatrix  # end-effector frame in that of the last joint [m]
-    T_ee_target_m: record.PoseMatrix  # target in the end-effector frame [m]
-    mass_kg: Annotated[NDArray[np.float64], record.Shape("links")]  # mass of each link [kg]
+    joint_placements_m: Annotated[NDArray[np.float64], arrays.Shape("joints", 4, 4)]
+    T_last_joint_ee_m: arrays.PoseMatrix  # end-effector frame in that of the last joint [m]
+    T_ee_target_m: arrays.PoseMatrix  # target in the end-effector frame [m]
+    mass_kg: Annotated[NDArray[np.float64], arrays.Shape("links")]  # mass of each link [kg]
     # centre of mass of each link in its joint's frame [m]
-    com_in_joint_frame_m: Annotated[NDArray[np.float64], record.Shape("links", 3)]
+    com_in_joint_frame_m: Annotated[NDArray[np.float64], arrays.Shape("links", 3)]
     tool: TrueTool  # the tool
     hidden_effects: tuple[TrueEffect, ...]  # effects hidden
     # what was changed in the raw files before they were written

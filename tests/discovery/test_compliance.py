@@ -11,7 +11,7 @@ import pa10cal
 from mended import write_simulated
 from pa10cal.discovery import compliance
 from pa10cal.discovery.verdict_records import extended_parameters, verdict_keys
-from pa10cal.results.record import HALF_WIDTH_95
+from pa10cal.results.number_text import HALF_WIDTH_95
 from pa10cal.terms.joint_spring import is_spring
 from pa10cal.terms.wording import sentences
 from pa10cal_lab.cell.trials import draw_trials

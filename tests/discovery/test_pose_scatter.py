@@ -12,7 +12,7 @@ from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.joined import concatenated
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
-from pa10cal.results.record import HALF_WIDTH_95
+from pa10cal.results.number_text import HALF_WIDTH_95
 from pa10cal.terms.effects.joint_error_map import BandPrior, SensorError
 from pa10cal.terms.model import Model
 

@@ -8,8 +8,8 @@ from types import SimpleNamespace
 from made_up_records import accuracy, effect, verdict_keys
 from pa10cal.reports.summary import CampaignSummary, notes, paths, table
 from pa10cal.results.evaluation import mean_and_peak
+from pa10cal.results.number_text import shown_probability
 from pa10cal.results.outcomes import ChainRecord
-from pa10cal.results.record import shown_probability
 
 GOOD = CampaignSummary(
     ChainRecord(

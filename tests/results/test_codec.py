@@ -19,11 +19,12 @@ from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
 from pa10cal.errors import RecordError
+from pa10cal.results.arrays import Shape
 from pa10cal.results.calibration import BaseFrameRecord
 from pa10cal.results.codec import lines, read, read_lines, write
+from pa10cal.results.comparison import ParameterRows
 from pa10cal.results.evaluation import HeldOutModel, HeldOutRows, TransferRecord
 from pa10cal.results.montecarlo import Convergence
-from pa10cal.results.record import Shape
 from pa10cal_curve.records import CurveRecord
 from pa10cal_lab.trial_records import FailedTrialRecord, JudgedTrialRecord, TrialVerdictRecord
 
@@ -281,3 +282,9 @@ def test_records_know_nothing_of_the_domain() -> None:
     parts = {name.split(".")[1] for name in run.stdout.split() if name.startswith("pa10cal.")}
     assert parts == {"results", "errors", "files", "input_files"}
     assert not {"scipy", "pandas", "yaml", "matplotlib"} & set(run.stdout.split())
+
+
+def test_columns_that_are_no_lists_are_refused() -> None:
+    rows = dict.fromkeys(ParameterRows.model_fields, 5)
+    with pytest.raises(ValueError, match="finite numbers, shape"):
+        ParameterRows.model_validate(rows)

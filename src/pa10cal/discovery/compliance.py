@@ -29,7 +29,7 @@ from pa10cal.fit.problem import possible_sizes
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.observations import Observations
 from pa10cal.results.discovery import Unexplained
-from pa10cal.results.record import HALF_WIDTH_95
+from pa10cal.results.number_text import HALF_WIDTH_95
 from pa10cal.terms.effects.joint import JointCompliance, most_wound_up
 from pa10cal.terms.joint_spring import JointSpring, is_spring
 

@@ -17,9 +17,10 @@ from typing_extensions import TypeVar, override
 from pa10cal.arrays import Array
 from pa10cal.discovery.rules import JUDGING, PROBABILITIES
 from pa10cal.results import discovery
+from pa10cal.results.arrays import Numbers
 from pa10cal.results.evaluation import EffectParameter
 from pa10cal.results.maps import JointWitness, MapForm
-from pa10cal.results.record import EffectName, Name, Numbers, Part
+from pa10cal.results.record import EffectName, Name, Part
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import BandPrior, is_error_map
 from pa10cal.terms.term import Term

@@ -10,8 +10,8 @@ from pydantic import Field
 
 from pa10cal.arrays import Array
 from pa10cal.results.calibration import InputFinding
-from pa10cal.results.discovery import Fault
-from pa10cal.results.record import EffectName, FaultKind
+from pa10cal.results.discovery import Fault, FaultKind
+from pa10cal.results.record import EffectName
 from pa10cal.terms.weights import LogFault
 
 

@@ -29,7 +29,7 @@ from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.forward import Forward
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
-from pa10cal.results.record import HALF_WIDTH_95
+from pa10cal.results.number_text import HALF_WIDTH_95
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from pa10cal.discovery.tuning import COMPUTING
 from pa10cal.discovery.verdict import Scorer, Verdict, label_of
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.results.discovery import Unexplained
-from pa10cal.results.record import HALF_WIDTH_95
+from pa10cal.results.number_text import HALF_WIDTH_95
 from pa10cal.terms.effects.effect import Effect
 
 S = TypeVar("S", bound=Scorer)

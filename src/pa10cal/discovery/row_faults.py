@@ -32,7 +32,7 @@ from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import TorqueSource, statics_of, with_torques
 from pa10cal.fit.tails import far_from_prediction
 from pa10cal.observe.observations import Observations
-from pa10cal.results.record import FaultKind
+from pa10cal.results.discovery import FaultKind
 
 
 @dataclass(frozen=True)

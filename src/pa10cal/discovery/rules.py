@@ -18,7 +18,7 @@ from pydantic_core import to_jsonable_python
 from scipy.special import ndtri
 
 from pa10cal.discovery.tuning import COMPUTING, FIELD, FORMS, NEXT_POSES, PLACES
-from pa10cal.results.record import SURE
+from pa10cal.results.number_text import SURE
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance

@@ -22,7 +22,7 @@ from pa10cal.discovery.tuning import COMPUTING
 from pa10cal.fit.discrepancy import less_far_off
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
-from pa10cal.observe.time_order import duration_text
+from pa10cal.results.number_text import duration_text
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,8 @@ from pa10cal.results.discovery import (
 )
 from pa10cal.results.evaluation import Parameter
 from pa10cal.results.maps import FallsBack
-from pa10cal.results.record import CampaignIdentity, shown_probability
+from pa10cal.results.number_text import shown_probability
+from pa10cal.results.record import CampaignIdentity
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
 from pa10cal.terms.wording import fault_text
 

@@ -42,7 +42,7 @@ from pa10cal.results.comparison import (
     MovedThing,
     WhatMoved,
 )
-from pa10cal.results.record import HALF_WIDTH_95
+from pa10cal.results.number_text import HALF_WIDTH_95
 from pa10cal.rules import COMPARED, MOVED
 from pa10cal.terms.term import Term
 

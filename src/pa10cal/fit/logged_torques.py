@@ -23,7 +23,7 @@ from pa10cal.fit.uncertain_weights import weight_sizes, with_assumed_weights
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.arrivals import with_arrivals
 from pa10cal.observe.observations import Observations
-from pa10cal.results.record import with_half_width_95
+from pa10cal.results.number_text import with_half_width_95
 from pa10cal.rules import MASSES
 from pa10cal.terms.model import Model
 

@@ -18,7 +18,7 @@ from pa10cal.arm.description import Arm, WeightsKnown, weights_known
 from pa10cal.arm.statics import Payload, PoseStates
 from pa10cal.arrays import Array
 from pa10cal.fit.fitted import Fitted
-from pa10cal.results.record import plain_number
+from pa10cal.results.number_text import plain_number
 from pa10cal.rules import MASSES
 from pa10cal.terms.model import Model
 from pa10cal.terms.weights import Weights, WeightSizes, holds_weights

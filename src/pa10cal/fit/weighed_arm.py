@@ -24,7 +24,7 @@ from pa10cal.fit.uncertain_weights import implausible_masses, with_assumed_weigh
 from pa10cal.observe.arrivals import with_arrivals
 from pa10cal.observe.observations import Observations, average_repeats
 from pa10cal.results.calibration import InputFinding
-from pa10cal.results.record import plain_number, with_half_width_95
+from pa10cal.results.number_text import plain_number, with_half_width_95
 from pa10cal.rules import MASSES
 
 #: Divisors in place of a mass or a size of zero (computing).

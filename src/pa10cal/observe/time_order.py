@@ -17,7 +17,7 @@ from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index, Mask
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.paths import outside_ranges
-from pa10cal.results.record import plain_number
+from pa10cal.results.number_text import HOUR_S, duration_text
 from pa10cal.rules import ORDER
 
 
@@ -247,9 +247,6 @@ def _best_threshold(values: Array, after: Mask) -> _Separation | None:
 
 # Poses that lie together at the beginning or at the end of a campaign.
 
-#: Seconds of a minute and of an hour (computing).
-_MINUTE_S, _HOUR_S = 60.0, 3600.0
-
 
 def at_one_end(states: PoseStates, chosen: Mask) -> str:
     """Return in words that poses lie together in the first or last part of a campaign, and why.
@@ -298,16 +295,9 @@ def at_one_end(states: PoseStates, chosen: Mask) -> str:
         why = "something changed there; measure these poses again, or leave them out"
     durations = (
         duration_text(float(np.ptp(states.time_s[part]))),
-        duration_text(float(np.ptp(states.time_s)), _HOUR_S),
+        duration_text(float(np.ptp(states.time_s)), HOUR_S),
     )
     return (
         f"{best + 1} of {chosen_count} are among the {end} {length} of {count} poses, the {end} "
         f"{durations[0]} of {durations[1]}: {why}"
     )
-
-
-def duration_text(time_s: float, hours_from_s: float = 2.0 * _HOUR_S) -> str:
-    """Return a duration in minutes, or in hours from some duration on."""
-    if time_s < hours_from_s:
-        return f"{plain_number(time_s / _MINUTE_S, 2)} min"
-    return f"{plain_number(time_s / _HOUR_S, 2)} h"

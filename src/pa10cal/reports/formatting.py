@@ -9,7 +9,8 @@ from typing import NamedTuple
 
 from pa10cal.results.discovery import Gap
 from pa10cal.results.evaluation import EffectParameter
-from pa10cal.results.record import HALF_WIDTH_95, EffectName
+from pa10cal.results.number_text import HALF_WIDTH_95
+from pa10cal.results.record import EffectName
 from pa10cal.terms.joint_spring import reported_name
 
 # Numbers with units and intervals.

@@ -20,7 +20,8 @@ from pa10cal.reports.pictures import campaigns_drawings, joint_map_drawings
 from pa10cal.reports.results_bundle import ResultsBundle
 from pa10cal.results.calibration import UNRESERVED, CalibrationRecord
 from pa10cal.results.discovery import FoundEffect, NamedEffect, ProposedFormula, VerdictRecord
-from pa10cal.results.record import SURE, EffectName, shown_probability
+from pa10cal.results.number_text import SURE, shown_probability
+from pa10cal.results.record import EffectName
 from pa10cal.terms.wording import explained_or_predicted, headline, percent, sentences
 
 #: What each grade means.

@@ -15,8 +15,8 @@ from pa10cal.results.calibration import EffectByCampaign, PosesNeeded
 from pa10cal.results.discovery import VerdictRecord
 from pa10cal.results.evaluation import EffectParameter, HoldoutRecord
 from pa10cal.results.montecarlo import PlaneRecord
+from pa10cal.results.number_text import HALF_WIDTH_95
 from pa10cal.results.outcomes import FleetCampaign
-from pa10cal.results.record import HALF_WIDTH_95
 
 if TYPE_CHECKING:
     import pandas as pd

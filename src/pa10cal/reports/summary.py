@@ -13,8 +13,8 @@ from pa10cal.reports.results_bundle import OUTPUTS, ResultsBundle
 from pa10cal.results.calibration import CalibrationRecord, GeneralCalibrationRecord
 from pa10cal.results.discovery import NamedEffect, VerdictKeys, VerdictRecord
 from pa10cal.results.evaluation import HoldoutRecord
+from pa10cal.results.number_text import shown_probability
 from pa10cal.results.outcomes import ChainRecord
-from pa10cal.results.record import shown_probability
 from pa10cal.terms import wording
 
 _HEAD = ("campaign", "grade", "verdict", "before", "after", "mean error over")

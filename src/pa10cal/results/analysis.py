@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pa10cal.results import record
+from pa10cal.results import arrays, record
 from pa10cal.results.evaluation import Accuracy, Estimate
 
 
@@ -35,10 +35,10 @@ class Arrival(record.Part):
 class Periodogram(record.Part):
     """What sines of a joint's angle explain of its error."""
 
-    orders: record.Column  # orders: periods a turn
-    explained_rad: record.Column  # root mean square explained by each [rad]
-    marked: record.Column  # orders at which drives err
-    marked_rad: record.Column  # root mean square explained by these [rad]
+    orders: arrays.Column  # orders: periods a turn
+    explained_rad: arrays.Column  # root mean square explained by each [rad]
+    marked: arrays.Column  # orders at which drives err
+    marked_rad: arrays.Column  # root mean square explained by these [rad]
 
 
 class JointPart(record.Part):
@@ -50,12 +50,12 @@ class JointPart(record.Part):
     arrivals: tuple[Arrival, ...]  # mean error by direction of arrival
     periodogram: Periodogram | None  # sines of the angle; null where poses are too few
     # of every cell, six digits; of a sample where there are very many
-    q_rad: record.Column  # joint angle [rad]
-    arrival: record.Column  # direction of arrival, from -1 to 1
-    error_rad: record.Column  # angle error [rad]
-    std_rad: record.Column  # its standard uncertainty [rad]
+    q_rad: arrays.Column  # joint angle [rad]
+    arrival: arrays.Column  # direction of arrival, from -1 to 1
+    error_rad: arrays.Column  # angle error [rad]
+    std_rad: arrays.Column  # its standard uncertainty [rad]
     # logged minus static torque [N m]; null where torques were not logged or no pose is repeated
-    torque_residual_Nm: record.Column | None
+    torque_residual_Nm: arrays.Column | None
     torque_noise_Nm: float | None  # standard deviation of its noise [N m]; null likewise
 
 
@@ -91,14 +91,14 @@ class NamingStep(record.Part):
 class GapRows(record.Table):
     """Residuals of configurations before and after, along the base axes."""
 
-    pose: record.LabelColumn  # label of the pose
-    load_N: record.Column  # load [N]
-    place_mm: record.VectorColumn  # measured position in the base frame [mm]
-    before_mm: record.VectorColumn  # position residual before [mm]
-    after_mm: record.VectorColumn  # position residual after [mm]
+    pose: arrays.LabelColumn  # label of the pose
+    load_N: arrays.Column  # load [N]
+    place_mm: arrays.VectorColumn  # measured position in the base frame [mm]
+    before_mm: arrays.VectorColumn  # position residual before [mm]
+    after_mm: arrays.VectorColumn  # position residual after [mm]
     # whether a joint leaves the angles that maps have learnt from; null where effects were judged
     # by repeats or no map was found
-    extrapolated: record.FlagColumn | None
+    extrapolated: arrays.FlagColumn | None
 
 
 class GapField(record.Part):

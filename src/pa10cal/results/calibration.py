@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, JsonValue
 
-from pa10cal.results import evaluation, record
+from pa10cal.results import arrays, evaluation, record
 
 # Whether a calibration is good: the `health` of its record.
 
@@ -206,8 +206,8 @@ _ParametersAlone = Mapping[record.ParameterKey, ParameterAlone]
 class JointErrorAlone(record.Part):
     """The error of a joint by its angle, as one campaign alone has it."""
 
-    error_mrad: record.Numbers  # at 0, 1, 2, … deg of the turn [mrad]
-    visited: record.FlagColumn  # whether the campaign has poses there
+    error_mrad: arrays.Numbers  # at 0, 1, 2, … deg of the turn [mrad]
+    visited: arrays.FlagColumn  # whether the campaign has poses there
 
 
 class CampaignsAgree(record.Part):
@@ -238,7 +238,7 @@ class EffectByCampaign(record.Part):
     agreement: tuple[CampaignsAgree, ...]
 
 
-Square = Annotated[NDArray[np.float64], record.Shape("k", "k")]
+Square = Annotated[NDArray[np.float64], arrays.Shape("k", "k")]
 
 
 class CalibratedParameter(evaluation.Parameter):
@@ -267,7 +267,7 @@ class Fit(record.Part):
     iterations: int  # steps taken
     parameters: Mapping[record.ParameterKey, CalibratedParameter]  # every parameter by name
     covariance: Covariance  # covariance of the parameters fitted
-    T_instr_base: record.PoseMatrix  # base frame in the instrument's frame [m]
+    T_instr_base: arrays.PoseMatrix  # base frame in the instrument's frame [m]
     # the fitted model as `model.yaml` holds it (schema pa10cal-model/2), without its covariance
     fitted_model: Mapping[Annotated[str, record.Key("key")], JsonValue]
 
@@ -312,7 +312,7 @@ class CalibrationRecord(Fit, record.MeasuredRecord):
     unknowns: int  # parameters fitted, the base frame's too
     condition: float  # condition number over the identified directions
     # singular values of the Jacobian in scaled parameters, descending
-    singular_values: record.Numbers
+    singular_values: arrays.Numbers
     # directions that are not identifiable, as weights of parameters
     null_directions: tuple[Mapping[record.ParameterKey, float], ...]
     errors: Mapping[record.LoadKey, LoadErrors]  # errors at each load
@@ -450,7 +450,7 @@ class GeneralCalibrationRecord(CalibrationRecord):
 class StraightLine(record.Part):
     """A straight move as it was measured."""
 
-    direction_instr: record.Vector3  # its direction in the instrument's frame
+    direction_instr: arrays.Vector3  # its direction in the instrument's frame
     direction_u_rad: float  # standard uncertainty of the direction [rad]
     length_mm: float  # its length [mm]
     bend_rms_mm: float  # root mean square distance from the line [mm]
@@ -470,9 +470,9 @@ class BaseFrameRecord(record.MeasuredRecord):
         "ranging",
         "nominal_arm",
     ]
-    R_instr_base: record.Matrix3  # orientation of the base in the instrument's frame
-    origin_instr_m: record.Vector3  # origin of the base in the instrument's frame [m]
-    T_instr_base: record.PoseMatrix  # both as a homogeneous matrix [m]
+    R_instr_base: arrays.Matrix3  # orientation of the base in the instrument's frame
+    origin_instr_m: arrays.Vector3  # origin of the base in the instrument's frame [m]
+    T_instr_base: arrays.PoseMatrix  # both as a homogeneous matrix [m]
     x_direction_u_rad: float | None = record.optional()  # standard uncertainty of the x axis [rad]
     y_direction_u_rad: float | None = record.optional()  # standard uncertainty of the y axis [rad]
     line_x: StraightLine | None = record.optional()  # the straight move along x
@@ -483,15 +483,15 @@ class BaseFrameRecord(record.MeasuredRecord):
         record.optional()
     )  # root mean square orientation residual [rad]
     # the target in the end-effector frame [m]
-    T_ee_target: record.PoseMatrix | None = record.optional()
+    T_ee_target: arrays.PoseMatrix | None = record.optional()
     # of a group, the target of each campaign in the end-effector frame [m]
-    T_ee_target_of: Mapping[record.CampaignKey, record.PoseMatrix] | None = record.optional()
+    T_ee_target_of: Mapping[record.CampaignKey, arrays.PoseMatrix] | None = record.optional()
     # places of the targets in the end-effector frame [m]
-    p_ee_targets_m: Mapping[Annotated[str, record.Key("target")], record.Vector3] | None = (
+    p_ee_targets_m: Mapping[Annotated[str, record.Key("target")], arrays.Vector3] | None = (
         record.optional()
     )
     # the instrument's fixed point in the base frame [m]
-    p_base_point_m: record.Vector3 | None = record.optional()
+    p_base_point_m: arrays.Vector3 | None = record.optional()
     # what the data do not identify, held at its stated or starting value
     held_as_stated: tuple[str, ...] | None = record.optional()
     # whether the campaign states the places of its targets

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated
 
-from pa10cal.results import record
+from pa10cal.results import arrays, record
 from pa10cal.results.calibration import Moved
 
 
@@ -25,20 +25,20 @@ class ComparedModel(record.Part):
 class ParameterRows(record.Table):
     """Parameters of both models; null where a model has not the parameter."""
 
-    term: record.LabelColumn  # its term
-    of: record.LabelColumn  # where the term sits
-    parameter: record.LabelColumn  # name of the parameter
-    unit: record.LabelColumn  # unit of values, uncertainties and difference
-    first: record.GappyColumn  # value in the first model
-    first_std: record.GappyColumn  # its standard uncertainty
-    second: record.GappyColumn  # value in the second model
-    second_std: record.GappyColumn  # its standard uncertainty
+    term: arrays.LabelColumn  # its term
+    of: arrays.LabelColumn  # where the term sits
+    parameter: arrays.LabelColumn  # name of the parameter
+    unit: arrays.LabelColumn  # unit of values, uncertainties and difference
+    first: arrays.GappyColumn  # value in the first model
+    first_std: arrays.GappyColumn  # its standard uncertainty
+    second: arrays.GappyColumn  # value in the second model
+    second_std: arrays.GappyColumn  # its standard uncertainty
     # second minus first; null too for turns of the tool where both fits began with other
     # orientations of it
-    difference: record.GappyColumn
+    difference: arrays.GappyColumn
     # difference over its combined standard uncertainty; null where that is not known, or the poses
     # of either do not determine the parameter
-    over_u: record.GappyColumn
+    over_u: arrays.GappyColumn
 
 
 class ComparedFrame(record.Part):
@@ -118,15 +118,15 @@ class ComparisonRecord(record.Record):
 class DriftRows(record.Table):
     """Every parameter of the arm in every campaign that has it."""
 
-    campaign: record.LabelColumn  # the campaign
-    term: record.LabelColumn  # term of the parameter
-    of: record.LabelColumn  # where the term sits
-    parameter: record.LabelColumn  # name of the parameter
-    unit: record.LabelColumn  # unit of value and interval
-    value: record.Column  # value
-    std: record.Column  # its standard uncertainty
-    low: record.Column  # lower end of its 95 % interval
-    high: record.Column  # upper end of it
+    campaign: arrays.LabelColumn  # the campaign
+    term: arrays.LabelColumn  # term of the parameter
+    of: arrays.LabelColumn  # where the term sits
+    parameter: arrays.LabelColumn  # name of the parameter
+    unit: arrays.LabelColumn  # unit of value and interval
+    value: arrays.Column  # value
+    std: arrays.Column  # its standard uncertainty
+    low: arrays.Column  # lower end of its 95 % interval
+    high: arrays.Column  # upper end of it
 
 
 class DriftStep(record.Part):

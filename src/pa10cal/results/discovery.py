@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, JsonValue
 
-from pa10cal.results import record
+from pa10cal.results import arrays, record
 from pa10cal.results.calibration import EffectByCampaign
 from pa10cal.results.evaluation import Accuracy, BeforeAfter, EffectParameter, Parameter
 from pa10cal.results.maps import AnglesSeen, Bands, FallsBack, JointWitness, MapForm, PoseScatter
@@ -158,10 +158,16 @@ class Unexplained(record.Part):
     why: str  # why it has no name
 
 
+#: What is wrong in a log; `docs/results.md` lists the word, `docs/how-to/faults.md` what it means.
+FaultKind = Literal[
+    "label", "load", "direction", "joint_zero", "joint_sign", "payload", "step_in_time", "outlier"
+]
+
+
 class Fault(record.Part):
     """Something in the log that is wrong."""
 
-    kind: record.FaultKind  # which fault
+    kind: FaultKind  # which fault
     where: str  # column, joint, load, pose, row or time
     what: str  # what is wrong and by how much
     remedy: str  # what to do about it
@@ -316,11 +322,11 @@ class SearchByBlocks(SearchKeys):
 class SuggestedPose(record.Part):
     """A configuration to measure next."""
 
-    q_deg: record.Numbers  # joint positions [deg; mm of a sliding joint]
-    q_rad: record.Numbers  # joint positions [rad; m of a sliding joint]
+    q_deg: arrays.Numbers  # joint positions [deg; mm of a sliding joint]
+    q_rad: arrays.Numbers  # joint positions [rad; m of a sliding joint]
     load_N: float  # load [N]
     # side from which each joint arrives: -1 from smaller angles, +1 from larger ones
-    arrive_from: record.Numbers | None = record.optional()
+    arrive_from: arrays.Numbers | None = record.optional()
     # expected log evidence between the alternatives, with all configurations up to this one
     separation_nats: float | None = record.optional()
     for_: tuple[str, ...] = Field(alias="for")  # what it serves
@@ -497,7 +503,7 @@ class ExtendedRecord(record.MeasuredRecord):
 
     # every parameter of the calibrated model and the base frame, with the effects
     parameters: Mapping[record.ParameterKey, Parameter]
-    T_instr_base: record.PoseMatrix  # base frame in the instrument's frame [m]
+    T_instr_base: arrays.PoseMatrix  # base frame in the instrument's frame [m]
     # the fitted model as `model.yaml` holds it (schema pa10cal-model/2); its covariance is in
     # `extended.covariance.npz`
     fitted_model: Mapping[Annotated[str, record.Key("key")], JsonValue]

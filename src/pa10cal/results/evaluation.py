@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from pa10cal.results import record
+from pa10cal.results import arrays, record
 
 
 class Distances(record.Part):
@@ -63,13 +63,13 @@ class BeforeAfter(record.Part):
 class ResidualRows(record.Table):
     """Residuals of configurations: predicted minus measured, along the base axes."""
 
-    pose: record.LabelColumn  # label of the pose
-    load_N: record.Column  # load [N]
-    place_mm: record.VectorColumn  # predicted position in the base frame [mm]
-    position_mm: record.VectorColumn  # position residual along the base axes [mm]
+    pose: arrays.LabelColumn  # label of the pose
+    load_N: arrays.Column  # load [N]
+    place_mm: arrays.VectorColumn  # predicted position in the base frame [mm]
+    position_mm: arrays.VectorColumn  # position residual along the base axes [mm]
     # rotation residual, axis times angle, along the base axes [deg]; null where the instrument
     # measures no orientation
-    rotation_deg: record.VectorColumn | None
+    rotation_deg: arrays.VectorColumn | None
 
 
 class Estimate(record.Part):
@@ -105,7 +105,7 @@ Status = Literal["converged", "not converged"]
 class ToolTwist(record.Part):
     """The constant rotation of the tool that explains most of the orientation error."""
 
-    rotation_deg: record.Vector3  # axis times angle in the end-effector frame [deg]
+    rotation_deg: arrays.Vector3  # axis times angle in the end-effector frame [deg]
     angle_deg: float  # its angle [deg]
     before_deg: float  # mean orientation error without it [deg]
     after_deg: float  # mean orientation error with it taken off [deg]
@@ -114,16 +114,16 @@ class ToolTwist(record.Part):
 class HeldOutRows(record.Table):
     """Residuals of held-out configurations: predicted minus measured, along the base axes."""
 
-    pose: record.LabelColumn  # label of the pose
-    load_N: record.Column  # load [N]
-    position_mm: record.VectorColumn  # position residual along the base axes [mm]
-    error_mm: record.Column  # position error [mm]
+    pose: arrays.LabelColumn  # label of the pose
+    load_N: arrays.Column  # load [N]
+    position_mm: arrays.VectorColumn  # position residual along the base axes [mm]
+    error_mm: arrays.Column  # position error [mm]
     # rotation residual, axis times angle, along the base axes [deg]; null where the instrument
     # measures no orientation
-    rotation_deg: record.VectorColumn | None
+    rotation_deg: arrays.VectorColumn | None
     # whether a joint leaves the angles that the fit has seen; null where the model does not depend
     # on that
-    extrapolated: record.FlagColumn | None
+    extrapolated: arrays.FlagColumn | None
 
 
 class HeldOutModel(PartAccuracy):
@@ -210,29 +210,29 @@ class TransferRecord(record.MeasuredRecord):
 class RepeatabilityRows(record.Table):
     """Pose repeatability RP of configurations; it does not depend on a model."""
 
-    kind: record.LabelColumn  # `grid`: used for the fit, or `holdout`: held out
-    pose: record.LabelColumn  # label of the pose
-    load_N: record.Column  # load [N]
-    repeats: record.CountColumn  # readings of it
+    kind: arrays.LabelColumn  # `grid`: used for the fit, or `holdout`: held out
+    pose: arrays.LabelColumn  # label of the pose
+    load_N: arrays.Column  # load [N]
+    repeats: arrays.CountColumn  # readings of it
     # whether every joint arrived from the same side in all of them, as the standard has it
-    one_direction: record.FlagColumn
+    one_direction: arrays.FlagColumn
     # RP_l: mean distance from the mean position, and three standard deviations [mm]
-    RP_mm: record.Column
+    RP_mm: arrays.Column
     # RP_a, RP_b, RP_c: three standard deviations of the rotations about the base's x, y and z
     # [deg]; null where the instrument measures no orientation
-    RP_deg: record.VectorColumn | None
+    RP_deg: arrays.VectorColumn | None
 
 
 class AccuracyRows(record.Table):
     """Pose accuracy AP of configurations: mean attained less commanded pose."""
 
-    pose: record.LabelColumn  # label of the pose
-    load_N: record.Column  # load [N]
-    AP_mm: record.Column  # AP_p: distance of the mean attained from the command [mm]
-    AP_xyz_mm: record.VectorColumn  # AP_x, AP_y, AP_z along the base's axes [mm]
+    pose: arrays.LabelColumn  # label of the pose
+    load_N: arrays.Column  # load [N]
+    AP_mm: arrays.Column  # AP_p: distance of the mean attained from the command [mm]
+    AP_xyz_mm: arrays.VectorColumn  # AP_x, AP_y, AP_z along the base's axes [mm]
     # AP_a, AP_b, AP_c: rotations about the base's x, y and z [deg]; null where the instrument
     # measures no orientation
-    AP_deg: record.VectorColumn | None
+    AP_deg: arrays.VectorColumn | None
 
 
 class PoseAccuracy(record.Part):

@@ -8,7 +8,8 @@ from typing import Annotated, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.results.record import Key, Numbers, ParameterKey, Part, Shape, optional
+from pa10cal.results.arrays import Numbers, Shape
+from pa10cal.results.record import Key, ParameterKey, Part, optional
 
 
 class AnglesSeen(Part):

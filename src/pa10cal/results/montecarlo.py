@@ -7,15 +7,15 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.results import record
+from pa10cal.results import arrays, record
 
 
 class Convergence(record.Part):
     """Mean over all places after the first cycles at each."""
 
-    cycles: record.CountColumn  # cycles at each place
-    mean_mm: record.Column  # mean position error [mm]
-    half_width95_mm: record.Column  # half width of its 95 % interval [mm]
+    cycles: arrays.CountColumn  # cycles at each place
+    mean_mm: arrays.Column  # mean position error [mm]
+    half_width95_mm: arrays.Column  # half width of its 95 % interval [mm]
 
 
 class Places(record.Part):
@@ -23,7 +23,7 @@ class Places(record.Part):
 
     columns: tuple[str, ...]  # names of the columns
     # one row a place, in the order of the columns [mm]
-    rows: Annotated[NDArray[np.float64], record.Shape("places", 5)]
+    rows: Annotated[NDArray[np.float64], arrays.Shape("places", 5)]
 
 
 class PlaneMap(record.Part):
@@ -33,7 +33,7 @@ class PlaneMap(record.Part):
     unreachable_points: int  # points of the grid out of reach
     columns: tuple[str, ...]  # names of the columns
     # one row a point, in the order of the columns [mm]
-    rows: Annotated[NDArray[np.float64], record.Shape("points", 3)]
+    rows: Annotated[NDArray[np.float64], arrays.Shape("points", 3)]
 
 
 @record.filed("pa10cal-montecarlo/1", "montecarlo/z<mm>.json", by="montecarlo")

@@ -8,8 +8,9 @@ from typing import Annotated
 from pydantic import JsonValue
 
 from pa10cal.files.table_cells import csv_text
+from pa10cal.results.arrays import Vector3
 from pa10cal.results.discovery import SuggestedPose
-from pa10cal.results.record import Key, ParameterKey, Part, Record, Vector3, filed
+from pa10cal.results.record import Key, ParameterKey, Part, Record, filed
 
 
 class PlannedPose(Part):

@@ -109,7 +109,7 @@ def verdict_lines(verdict: VerdictKeys) -> Iterator[str]:
 def _effect_line(effect: FoundEffect) -> str:
     """Return an effect with its size, its evidence, its probability and its rivals."""
     from pa10cal.results.discovery import EvidenceOfSag
-    from pa10cal.results.record import shown_probability
+    from pa10cal.results.number_text import shown_probability
     from pa10cal.terms.wording import parameters_text, sag_text
 
     values = parameters_text(effect.parameters) or f"{len(effect.parameters)} knots a turn"

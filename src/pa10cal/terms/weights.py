@@ -13,7 +13,8 @@ from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import PoseStates, StaticLoads
 from pa10cal.arrays import Array, Mask
 from pa10cal.errors import CalibrationError
-from pa10cal.results.record import FaultKind, plain_number, with_half_width_95
+from pa10cal.results.discovery import FaultKind
+from pa10cal.results.number_text import plain_number, with_half_width_95
 from pa10cal.terms.effects.effect import CandidateContext, Effect, everywhere_but, static_loads_in
 from pa10cal.terms.term import (
     OPTIONAL,

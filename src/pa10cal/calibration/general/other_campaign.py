@@ -50,7 +50,7 @@ from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Start
 from pa10cal.results.calibration import Moved, PriorPart
-from pa10cal.results.record import HALF_WIDTH_95
+from pa10cal.results.number_text import HALF_WIDTH_95
 from pa10cal.terms.model import Model
 from pa10cal.terms.term import Term
 from pa10cal.terms.weights import Weights, holds_weights

@@ -31,7 +31,7 @@ from pa10cal.results.discovery import (
     Tried,
     Unexplained,
 )
-from pa10cal.results.record import HALF_WIDTH_95
+from pa10cal.results.number_text import HALF_WIDTH_95
 from pa10cal.terms.effects.effect import Effect, every_effect
 
 

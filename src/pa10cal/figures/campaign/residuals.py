@@ -21,7 +21,7 @@ from pa10cal.reports.theme import AFTER, BEFORE, BLACK, BLUE, GREY, ORANGE
 from pa10cal.reports.trust import outliers_grid
 from pa10cal.results.analysis import AnalysisRecord, LackOfFit
 from pa10cal.results.discovery import VerdictRecord
-from pa10cal.results.record import HALF_WIDTH_95
+from pa10cal.results.number_text import HALF_WIDTH_95
 
 _BEFORE: dict[str, Any] = {"color": BEFORE, "marker": "s", "linestyle": "none"}
 _AFTER: dict[str, Any] = {"color": AFTER, "marker": "o", "linestyle": "none"}

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pa10cal.results.record import plain_number, with_half_width_95
+from pa10cal.results.number_text import plain_number, with_half_width_95
 
 
 @pytest.mark.parametrize(
