@@ -53,6 +53,7 @@ _OF_INPUT: dict[str, FaultKind] = {
     "campaigns": "step_in_time",
     "instrument_scale": "step_in_time",
     "instrument_range": "step_in_time",
+    "payload": "payload",
 }
 
 

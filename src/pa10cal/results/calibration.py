@@ -149,7 +149,7 @@ class Health(record.Part):
 class Difference(record.Part):
     """One cause that, if it alone differed between campaigns, explains so much."""
 
-    name: str  # the parameter; `instrument_scale`, `instrument_range`
+    name: str  # the parameter; `instrument_scale`, `instrument_range`, `tool_mass`
     unit: str  # its unit
     value: float  # this campaign less the others
     std: float  # standard uncertainty of that
@@ -172,6 +172,8 @@ class CampaignAlone(record.Part):
     # what the scale of its instrument explains alone, and what its range constant does where the
     # instrument has one, and where it stands is known
     instrument: tuple[Difference, ...] = ()
+    # what a mass of its tool other than stated explains alone, where torques were calculated
+    tool: Difference | None = record.optional()
 
 
 class SharedParameter(record.Part):

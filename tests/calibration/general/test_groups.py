@@ -9,7 +9,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from calibrated import general
-from pa10cal.arm.statics import Payload
+from pa10cal.arm.chain import Chain
+from pa10cal.arm.statics import Payload, statics
 from pa10cal.calibration.accuracy import noisy_campaign
 from pa10cal.calibration.general.calibrate import find_start, start_of
 from pa10cal.calibration.general.case import fitted
@@ -200,6 +201,42 @@ def test_an_instrument_that_reads_longer_in_one_campaign_is_no_change_of_the_arm
     assert own.left_mm == pytest.approx(1e3 * np.sqrt(3.0) * NOISE_M, rel=0.2)
     (fault,) = faults_of_input([told])
     assert (fault.kind, fault.remedy) == ("step_in_time", told.remedy)
+
+
+def test_a_tool_heavier_than_stated_in_one_campaign_is_no_change_of_the_arm(see):
+    def tool(mass_kg):
+        return Payload(mass_kg, np.array([0.0, 0.02, 0.1]), np.zeros(3), GRAVITY)
+
+    def sagging(payload, drawn):
+        def posed(q_rad):
+            drawn.append(q_rad)
+            coordinates = Chain.of(ARM).coordinates(q_rad)
+            loads = statics(Chain.of(ARM), coordinates, np.zeros(len(q_rad)), payload)
+            return q_rad - 3e-6 * loads.joint_Nm
+
+        return posed
+
+    both = []
+    for k, (count, true_kg) in enumerate(((70, 2.0), (61, 4.5))):
+        drawn = []
+        posed = sagging(tool(true_kg), drawn)
+        every = see("ur10", "points", count, seed=1, noise_m=NOISE_M, size=0.3, posed=posed)
+        every = every.with_states(replace(every.states, q_rad=drawn[0]))
+        both.append(GroupCampaign(f"of-{k}", every, find_start(ARM, every)))
+    payload = replace(tool(2.0), of_campaigns=(tool(2.0), tool(2.0)))
+    found = general(ARM, join(both), payload)
+    group = per_campaign_fits(found.problem, found.fit, payload)
+    (told,) = contradictions(group, ())
+    assert (told.where, told.kind) == ("of-1: tool.mass_kg", "payload")
+    assert "the tool of of-1 weighs" in told.what
+    assert "weigh the tool of of-1, and correct tool.mass_kg" in told.remedy
+    own = group.campaigns["of-1"].tool
+    assert abs(own.value - 2.5) < 4.0 * own.std < 2.5
+    (fault,) = faults_of_input([told])
+    assert fault.kind == "payload"
+    unknown = replace(tool(0.0), known=False)
+    group = per_campaign_fits(found.problem, found.fit, unknown)
+    assert group.campaigns["of-1"].tool is None
 
 
 def test_the_campaign_that_alone_is_noisier_than_stated_is_named(members):

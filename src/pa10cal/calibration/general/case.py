@@ -211,7 +211,9 @@ class _FittedCase:
     @cached_property
     def group(self) -> records.GroupOfCampaigns | None:
         """Return what each campaign of a group says alone; None for a single campaign."""
-        return per_campaign_fits(self.full.problem, self.full.fit)
+        full = self.full
+        by_masses = full.torques_from == "masses" and full.springs
+        return per_campaign_fits(full.problem, full.fit, full.payload if by_masses else None)
 
     def held_out_errors(self) -> accuracy.HeldOut | None:
         """Return the errors of held-out poses; None without any."""

@@ -3,34 +3,41 @@
 Everything is linear about the fit of the group: the rows of one campaign, with its own frames free,
 give the parameters that it would give alone. Directions that a campaign does not determine stay
 where the group has them, within the reach of the unknowns, and do not count. A contradiction may
-also come of one campaign's instrument: what each cause explains alone is compared.
+also come of one campaign's instrument, or of its tool, whose weight bends the springs: what each
+cause explains alone is compared.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from scipy.special import chdtrc
 
+from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Array, Index
 from pa10cal.calibration.accuracy import targets_seen
 from pa10cal.calibration.general.fit import GeneralSolution, reach_of
 from pa10cal.calibration.rules import GROUPS, UNKNOWNS
+from pa10cal.fit.loads import statics_of
 from pa10cal.fit.problem import Problem
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.results import calibration as records
 from pa10cal.results.calibration import InputFinding
 from pa10cal.terms.of_campaign import OF
 from pa10cal.terms.term import TermParameter
+from pa10cal.terms.weights import ToolStated
 
 #: Unit in which a parameter is shown, and the factor to it (unit).
 _SHOWN_UNITS = {"m": ("mm", 1e3), "rad": ("mrad", 1e3), "1": ("ppm", 1e6)}
 #: Names of errors that a campaign's instrument may have alone; kinds of findings, too.
 SCALE, RANGE_CONSTANT = "instrument_scale", "instrument_range"
+#: Name of a mass of a campaign's tool that is not what is stated; its findings have the kind of the
+#: same fault in a single campaign.
+TOOL_MASS, OF_TOOL = "tool_mass", ToolStated.kind
 #: Larger errors of an instrument would not go unnoticed: they stand for something else.
 _MOST = {SCALE: GROUPS.most_scale, RANGE_CONSTANT: GROUPS.most_range_m}
 
@@ -84,16 +91,17 @@ class _Group:
 
     problem: Problem
     fit: GeneralSolution
+    payload: Payload | None  # what the arm carries, where its weight makes the torques of springs
     free: Index  # (f,) which unknowns are not at a bound
     shared: list[int]  # (s,) which of these belong to the robot, and so to every campaign
 
     @classmethod
-    def of(cls, problem: Problem, fit: GeneralSolution) -> _Group:
+    def of(cls, problem: Problem, fit: GeneralSolution, payload: Payload | None) -> _Group:
         free = np.flatnonzero(~fit.at_bound)
         base = {parameter.name for parameter in problem.model.terms[-1].parameters}
         names = [problem.parameters[k].name for k in free]
         shared = [j for j, name in enumerate(names) if OF not in name and name not in base]
-        return cls(problem, fit, free, shared)
+        return cls(problem, fit, payload, free, shared)
 
     @cached_property
     def parameters(self) -> list[TermParameter]:
@@ -195,10 +203,48 @@ class _Group:
         by[:, columns] = np.nan_to_num(along).reshape(len(by), -1)
         yield self.explained_by(name, "m", RANGE_CONSTANT, by)
 
+    @cached_property
+    def by_tool_mass(self) -> Array:
+        """Return the derivative (P, b) of the residual by the mass of the tool [m/kg, rad/kg]."""
+        assert self.payload is not None
+        problem, model = self.problem, self.problem.model
+        x, states = problem.of_model(self.fit.x), problem.observations.states
+        loads = statics_of(model, x, states, self.payload)
+        tool = ToolStated("tool", True, model.chain.arm.n, self.payload.mass_kg)
+        with_tool = replace(
+            problem,
+            model=replace(model, terms=(*model.terms, tool)),
+            observations=problem.observations.with_states(replace(states, static_loads=loads)),
+        )
+        as_stated = np.insert(self.fit.x, len(x), np.zeros(len(tool.parameters)))
+        return with_tool.rows(as_stated).jacobian[:, :, len(x)]
 
-def per_campaign_fits(problem: Problem, fit: GeneralSolution) -> records.GroupOfCampaigns | None:
-    """Compare the campaigns of a group; None for a single campaign, or where nothing is shared."""
-    group = _Group.of(problem, fit)
+    def error_of_tool(self, name: str) -> records.Difference | None:
+        """Return what a mass of a campaign's tool other than stated explains.
+
+        None where nothing is stated, the poses do not show it, or the mass would be negative.
+        """
+        if self.payload is None:
+            return None
+        number = [*self.poses].index(name)
+        carried = self.payload.of_campaigns[number] if self.payload.of_campaigns else self.payload
+        by = self.by_tool_mass[self.poses[name]]
+        if not (carried.known and by.any()):
+            return None
+        found = self.explained_by(name, "kg", TOOL_MASS, by)
+        return found if carried.mass_kg + found.value > 0.0 else None
+
+
+def per_campaign_fits(
+    problem: Problem, fit: GeneralSolution, payload: Payload | None = None
+) -> records.GroupOfCampaigns | None:
+    """Compare the campaigns of a group; None for a single campaign, or where nothing is shared.
+
+    Args:
+        payload: what the arm carries, where the torques of springs were calculated by its weight;
+            else None.
+    """
+    group = _Group.of(problem, fit, payload)
     if problem.observations.states.campaign is None or not group.shared:
         return None
     alone = {name: group.estimate([name]) for name in group.poses}
@@ -254,6 +300,7 @@ def _campaign_alone(group: _Group, name: str, own: _Estimate) -> records.Campaig
             left_mm=group.explained_by(name, worst.unit, worst.name, by_worst).left_mm,
         ),
         instrument=tuple(group.errors_of_instrument(name)),
+        tool=group.error_of_tool(name),
     )
 
 
@@ -263,7 +310,7 @@ def _by_chance(chi_square: float, dof: float) -> float:
 
 
 class _Cause(NamedTuple):
-    """What may make a campaign differ from the others: a change of the arm, or its instrument."""
+    """What may make a campaign differ: a change of the arm, its instrument, or its tool."""
 
     campaign: str
     differs: records.Difference  # by how much it differs, and what that explains
@@ -279,6 +326,9 @@ class _Cause(NamedTuple):
             clause = f"{self.campaign} reads all lengths {size} too {long} against the others"
         elif name == RANGE_CONSTANT:
             clause = f"{self.campaign} reads all distances from the instrument {size} too {long}"
+        elif name == TOOL_MASS:
+            more = "more" if value > 0.0 else "less"
+            clause = f"the tool of {self.campaign} weighs {size} {more} than stated"
         else:
             clause = f"the arm was changed between them, {name} by {size}"
         explains = f"explains {self.differs.chi_square:.0f} of it"
@@ -302,6 +352,8 @@ class _Cause(NamedTuple):
                 f"check the constant of the reflector and the zero of the distance in {name}: "
                 f"{correct} its distances by {1e3 * abs(value):.3g} mm, or leave {name} out"
             )
+        if self.differs.name == TOOL_MASS:
+            return f"weigh the tool of {name}, and correct tool.mass_kg in its campaign.yaml"
         return "calibrate the campaigns before and after the change apart, and compare them"
 
 
@@ -341,6 +393,8 @@ def contradictions(
         )
     elif best.name in _MOST:
         where, kind = f"{likely[0].campaign}: the measured positions", best.name
+    elif best.name == TOOL_MASS:
+        where, kind = f"{likely[0].campaign}: tool.mass_kg", OF_TOOL
     others = " and ".join(name for name in campaigns if name != first)
     squares = [own.rms_mm**2 for own in campaigns.values()]
     rms_mm = np.sqrt(np.average(squares, weights=[own.poses for own in campaigns.values()]))
@@ -363,6 +417,8 @@ def _likely_causes(group: records.GroupOfCampaigns, first: str) -> list[_Cause]:
     for name in names:
         own = group.campaigns[name].instrument
         causes += [_Cause(name, each) for each in own if abs(each.value) < _MOST[each.name]]
+        tool = group.campaigns[name].tool
+        causes += [] if tool is None else [_Cause(name, tool)]
     causes.sort(key=lambda cause: -cause.differs.chi_square)
     least = causes[0].differs.chi_square - 2.0 * GROUPS.as_well_nats
     likely = [cause for cause in causes if cause.differs.chi_square >= least]
