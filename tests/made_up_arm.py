@@ -17,7 +17,7 @@ from pa10cal.discovery.evidence.judge import Judgement
 from pa10cal.discovery.evidence.noise_model import NO_SHARED_ERROR
 from pa10cal.discovery.evidence.problem import EvidenceProblem, prepare
 from pa10cal.discovery.evidence.search import EndOfSearch, ended_at
-from pa10cal.discovery.linear import moved_base
+from pa10cal.discovery.model_with_effects import moved_base
 from pa10cal.discovery.preparation import MeasurementSetup, Prepared
 from pa10cal.discovery.verdict import Verdict
 from pa10cal.files.arms import load_arm

@@ -64,7 +64,7 @@ def ceiling_of(folder: Path, python: Path, random_seed: int = 1) -> Ceiling:
         Pa10calError: when the campaign cannot be read or calibrated.
     """
     import pa10cal
-    from pa10cal.discovery.linear import residual
+    from pa10cal.discovery.jacobians import residual
 
     campaign = pa10cal.read_campaign(folder)
     every = campaign.observations

@@ -1,4 +1,4 @@
-"""Array types, homogeneous transforms, choices of rows, and rows of records of arrays."""
+"""Array types, homogeneous transforms, size and scatter of values, and choices of rows."""
 
 from __future__ import annotations
 
@@ -43,6 +43,16 @@ def drawn(count: int, most: int) -> Index:
     They are not every n-th: rows may alternate between two kinds of pose.
     """
     return np.sort(np.random.default_rng(0).permutation(count)[:most])
+
+
+def rms(values: Array) -> float:
+    """Return the root mean square of values of any shape."""
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def standard_error_of_sum(values: Array) -> float:
+    """Return the standard error of the sum of independent values (N,), by their scatter."""
+    return float(np.sqrt(len(values)) * values.std(ddof=1))
 
 
 def take_rows(record: Record, rows: Rows, *of_all: str) -> Record:

@@ -10,8 +10,8 @@ from benchmarks.lost_motion import verdict_of
 from made_up_arm import Missing, harmonic, measure
 from made_up_survey import ARM, Hidden, observe
 from pa10cal.arm.chain import Chain
-from pa10cal.discovery import linear
-from pa10cal.discovery.linear import WhitenedPoses
+from pa10cal.discovery import jacobians
+from pa10cal.discovery.jacobians import WhitenedPoses
 from pa10cal.discovery.residual_candidates import gear_lines
 from pa10cal.terms.model import Model
 from pa10cal_lab.cell.effects.joint import SimulatedGearLine
@@ -26,7 +26,7 @@ def given():
 
 def left_by(at, poses, joint, cycles, size_rad, seed=0):
     """What a model leaves of poses with a line at a joint and noise, predicted less measured."""
-    follows = linear.by_joints(at, poses, [joint])[:, :, 0]
+    follows = jacobians.by_joints(at, poses, [joint])[:, :, 0]
     q_rad = poses.states.q_rad[:, joint - 1]
     noise = np.random.default_rng(seed).normal(0.0, NOISE, follows.shape)
     return noise - follows * (size_rad * np.sin(cycles * q_rad + 1.0))[:, None]

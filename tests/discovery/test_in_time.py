@@ -12,7 +12,8 @@ from made_up_survey import POSITION_M, observe
 from pa10cal.discovery.blocked_cv.by_blocks import discover_by_blocks
 from pa10cal.discovery.gross_errors import moved_between_repeats
 from pa10cal.discovery.in_time import in_time_of
-from pa10cal.discovery.linear import residual, with_base_term
+from pa10cal.discovery.jacobians import residual
+from pa10cal.discovery.model_with_effects import with_base_motion
 from pa10cal.discovery.noise import same_circumstances
 from pa10cal.discovery.nuisances import motion_unexplained
 from pa10cal.discovery.pose_scatter import unweighted
@@ -119,7 +120,7 @@ def jump(first, size):
 def shown(surveyed, poses):
     at = surveyed.baseline
     return in_time_of(
-        replace(at, model=with_base_term(at), x=np.concatenate([at.x, np.zeros(6)])),
+        replace(at, model=with_base_motion(at), x=np.concatenate([at.x, np.zeros(6)])),
         poses,
         unweighted(poses.measured).whitener,
         candidates(surveyed.survey.context),

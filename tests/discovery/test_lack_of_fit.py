@@ -7,14 +7,15 @@ import pytest
 
 from made_up_arm import ARM, Missing, harmonic, measure, scored
 from pa10cal.arm.chain import Chain
+from pa10cal.arrays import rms
 from pa10cal.discovery.evidence.by_repeats import channel_tests, evidence_lack_of_fit
 from pa10cal.discovery.evidence.fit import fit
 from pa10cal.discovery.evidence.noise_model import NO_SHARED_ERROR
 from pa10cal.discovery.evidence.problem import prepare
 from pa10cal.discovery.finding import name_of
 from pa10cal.discovery.gap import errors_by_name
+from pa10cal.discovery.jacobians import residual
 from pa10cal.discovery.lack_of_fit import drift, mean, periodogram
-from pa10cal.discovery.linear import residual, rms
 from pa10cal.discovery.noise import same_circumstances
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.instrument import group_means

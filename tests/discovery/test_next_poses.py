@@ -16,7 +16,7 @@ from pa10cal.discovery.evidence.fit import EvidenceFit, fit
 from pa10cal.discovery.evidence.noise_model import NO_SHARED_ERROR
 from pa10cal.discovery.evidence.problem import EvidenceProblem, prepare
 from pa10cal.discovery.evidence.search import evidence_about, search
-from pa10cal.discovery.linear import residual
+from pa10cal.discovery.jacobians import residual
 from pa10cal.discovery.next_poses import (
     PairProbability,
     draw_near,

@@ -5,7 +5,7 @@ import pytest
 
 from made_up_poses import at_rest
 from pa10cal.arm.chain import Chain
-from pa10cal.discovery.linear import by_joints
+from pa10cal.discovery.jacobians import by_joints
 from pa10cal.discovery.pose_scatter import PoseDeviations, scatter_of, share_inside
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel

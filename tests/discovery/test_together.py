@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.stats import multivariate_normal
 
 from made_up_arm import measure
-from pa10cal.discovery.linear import residual_and_jacobian
+from pa10cal.discovery.jacobians import residual_and_jacobian
 from pa10cal.discovery.together import Member, Together
 from pa10cal.observe.observations import average_repeats
 from pa10cal.terms.effects.effect import Effect

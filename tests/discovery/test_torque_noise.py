@@ -7,7 +7,7 @@ import pytest
 
 import pa10cal
 from pa10cal.calibration.options import CalibrationOptions
-from pa10cal.discovery.linear import residual
+from pa10cal.discovery.jacobians import residual
 from pa10cal.discovery.noise import noise_of_near_poses, with_torque_noise
 from pa10cal.discovery.preparation import complete, prepared, setup_of
 from pa10cal.options import DiscoveryOptions

@@ -8,7 +8,8 @@ import pytest
 import pa10cal
 from made_up_survey import observe
 from mended import mend, write_simulated
-from pa10cal.discovery import linear, residual_candidates
+from pa10cal.discovery import jacobians, residual_candidates
+from pa10cal.discovery.model_with_effects import with_base_motion
 from pa10cal.discovery.pose_scatter import unweighted
 from pa10cal.discovery.residual_candidates import warm_ups_shown
 
@@ -105,14 +106,14 @@ def survey():
 def shown(survey, by_joints_rad=None, base_m=None):
     """Return the warm-ups that are shown if joints (P, 6), or a base (P, 6), are off by so much."""
     poses, at = survey.poses, survey.baseline
-    at = replace(at, model=linear.with_base_term(at), x=np.append(at.x, np.zeros(6)))
-    left = linear.residual(at, poses)
+    at = replace(at, model=with_base_motion(at), x=np.append(at.x, np.zeros(6)))
+    left = jacobians.residual(at, poses)
     if by_joints_rad is not None:
-        left = left + np.einsum("pbj,pj->pb", linear.by_joints(at, poses, JOINTS), by_joints_rad)
+        left = left + np.einsum("pbj,pj->pb", jacobians.by_joints(at, poses, JOINTS), by_joints_rad)
     if base_m is not None:
-        left = left + np.einsum("pbj,pj->pb", linear.by_base(at, poses), base_m)
+        left = left + np.einsum("pbj,pj->pb", jacobians.by_base(at, poses), base_m)
     whitener = unweighted(poses.measured).whiteners()
-    rows = linear.WhitenedPoses(at, poses, left, whitener)
+    rows = jacobians.WhitenedPoses(at, poses, left, whitener)
     return warm_ups_shown(rows, survey.context, logged=False)
 
 

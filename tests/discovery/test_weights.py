@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from made_up_survey import ATTITUDE_RAD, POSITION_M, observe
-from pa10cal.discovery.linear import mean_length
 from pa10cal.discovery.noise import nearly_same, noise_of_near_poses
 from pa10cal.discovery.pose_scatter import pose_weights, unweighted
+from pa10cal.discovery.position_errors import mean_norm
 from pa10cal.discovery.rules import NOISE
 from pa10cal.observe.pose import Pose
 
@@ -94,7 +94,7 @@ def test_noise_is_what_pairs_differ_by_and_not_what_they_share(with_neighbours):
     assert found.differences == 100
     sizes = np.sqrt(np.diagonal(found.cov[0]))
     np.testing.assert_allclose(sizes, [3e-5] * 3 + [2e-4] * 3, rtol=0.2)
-    assert 1e3 * mean_length(found.cov[:1, :3, :3])[0] == pytest.approx(
+    assert 1e3 * mean_norm(found.cov[:1, :3, :3])[0] == pytest.approx(
         1.596 * 1e3 * sizes[0], rel=0.05
     )
 

@@ -14,11 +14,12 @@ from typing import Literal, NamedTuple
 import numpy as np
 from typing_extensions import override
 
-from pa10cal.arrays import Array, Index
-from pa10cal.discovery import linear
+from pa10cal.arrays import Array, Index, rms
+from pa10cal.discovery import jacobians
 from pa10cal.discovery.in_time import by_pose_and_time
 from pa10cal.discovery.log_faults import DiagnosedFault
 from pa10cal.discovery.nuisances import Nuisance, Wander, between_rows
+from pa10cal.discovery.position_errors import mean_noise_error_mm, position_error_mm
 from pa10cal.discovery.rules import CHANGE, MOTION
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.frame.point_fits import by_small_motion
@@ -71,7 +72,7 @@ class Change(Nuisance):
     def faults(self, at: FittedModel, poses: Observations) -> tuple[DiagnosedFault, ...]:
         """Return the change as a fault of the log."""
         later = poses.take(np.flatnonzero(poses.states.time_s > self.time_s))
-        size_mm = linear.rms(linear.error_mm(later.measured, self.shift(at, later)))
+        size_mm = rms(position_error_mm(later.measured, self.shift(at, later)))
         amount_mm = 1e3 * CHANGE.size * self.scale * self.amounts
         names = poses.measured.target_names
         if self.kind == "target":
@@ -172,8 +173,8 @@ def change_of(
         amounts=rows.amounts(columns, best.scale, best.row),
     )
     later = poses.take(np.flatnonzero(time_s > middle_s))
-    size_mm = linear.rms(linear.error_mm(later.measured, found.shift(at, later)))
-    stated_mm = linear.mean_error_of_noise_mm(later.measured, later.measured.stated_covariance)
+    size_mm = rms(position_error_mm(later.measured, found.shift(at, later)))
+    stated_mm = mean_noise_error_mm(later.measured, later.measured.stated_covariance)
     return found if size_mm > CHANGE.least_noise_ratio * stated_mm else None
 
 
@@ -209,7 +210,7 @@ def rivals_of_steps(
             if rows.does_as_well(kind[0], steps[kind], steps["base", 0])
         )
         for joint in range(1, at.arm.n + 1):
-            step = rows.best(CHANGE.size * linear.by_joints(at, poses, (joint,)), row)
+            step = rows.best(CHANGE.size * jacobians.by_joints(at, poses, (joint,)), row)
             if rows.does_as_well("zero", step, steps["base", 0]):
                 rivals[f"another zero of joint {joint}"] = None
         found[jump.time_s] = tuple(rivals)
@@ -227,8 +228,8 @@ def kinds_of_change(at: FittedModel) -> list[tuple[Kind, int]]:
 def change_columns(kind: Kind, target: int, at: FittedModel, poses: Observations) -> Array:
     """Return the derivative of predicted less measured components by a change, (P, b, k)."""
     if kind == "base":
-        return CHANGE.size * linear.by_base(at, poses)
-    of_targets = linear.by_targets(at, poses)
+        return CHANGE.size * jacobians.by_base(at, poses)
+    of_targets = jacobians.by_targets(at, poses)
     if kind == "target":
         return CHANGE.size * of_targets[:, :, 3 * target : 3 * target + 3]
     if kind == "tool":
@@ -237,8 +238,8 @@ def change_columns(kind: Kind, target: int, at: FittedModel, poses: Observations
     if kind == "beam":
         return CHANGE.size * _along_beam(poses)
     terms = [term for term in at.model.terms if type(term) is Offsets and term.of != "base"]
-    own = linear.by_own_terms(at, poses, terms)
-    frames = [CHANGE.frames * of_targets, CHANGE.frames * linear.by_base(at, poses)]
+    own = jacobians.by_scaled_terms(at, poses, terms)
+    frames = [CHANGE.frames * of_targets, CHANGE.frames * jacobians.by_base(at, poses)]
     return np.concatenate([*own, *frames], axis=2)
 
 
@@ -259,11 +260,11 @@ class StepRows:
         self, at: FittedModel, poses: Observations, whitener: Array, *beside: Array
     ) -> None:
         """Whiten P poses, with columns (P, b, k) in addition to those of model and targets."""
-        own = linear.by_own_terms(at, poses, at.model.terms)
+        own = jacobians.by_scaled_terms(at, poses, at.model.terms)
         nuisances = [CHANGE.static_sizes * columns for columns in own]
-        nuisances += [MOTION.targets_m * linear.by_targets(at, poses), *beside]
+        nuisances += [MOTION.targets_m * jacobians.by_targets(at, poses), *beside]
         self._whitener, self._nuisances = whitener, whitener @ np.concatenate(nuisances, axis=2)
-        self._data = (whitener @ -linear.residual(at, poses)[:, :, None])[:, :, 0]
+        self._data = (whitener @ -jacobians.residual(at, poses)[:, :, None])[:, :, 0]
         self._unchanged = Gaussian.of(self._nuisances, self._data)
         self._seen = int(poses.measured.components_seen.sum())
         # A step is between rows of different times, with enough rows on either side.

@@ -16,17 +16,20 @@ from typing import Literal, NamedTuple, TypeVar
 import numpy as np
 
 from pa10cal.arm.description import weights_known
-from pa10cal.arrays import Array, Mask
+from pa10cal.arrays import Array, Mask, rms
 from pa10cal.calibration import rules as calibration_rules
-from pa10cal.discovery import linear
+from pa10cal.discovery import jacobians
 from pa10cal.discovery.finding import Finding, GivesWay, Rival, name_of
+from pa10cal.discovery.model_with_effects import all_unknowns
 from pa10cal.discovery.pose_scatter import pose_weights
+from pa10cal.discovery.position_errors import position_error_mm
 from pa10cal.discovery.rules import NAMES, SPRINGS
 from pa10cal.discovery.together import Together
 from pa10cal.discovery.verdict import Basis, Verdict, in_doubt
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.problem import possible_sizes
 from pa10cal.numerics.gaussian import Gaussian
+from pa10cal.numerics.least_squares import cluster_covariance
 from pa10cal.observe.observations import Observations
 from pa10cal.results.discovery import Unexplained
 from pa10cal.results.number_text import HALF_WIDTH_95
@@ -74,11 +77,11 @@ def with_compliance(found: Verdict[S]) -> Verdict[S]:
             needed_nats=needed,
             sag_mrad=1e3 * stiffness.sag_rad,
             sag_u_mrad=1e3 * stiffness.sag_u_rad,
-            rigid_mm=linear.rms(rigid.fitted_mm),
-            gives_way_mm=linear.rms(problem.fitted_mm),
+            rigid_mm=rms(rigid.fitted_mm),
+            gives_way_mm=rms(problem.fitted_mm),
             held_out_rigid_mm=rigid.held_out_rms_mm,
             held_out_gives_way_mm=problem.held_out_rms_mm,
-            all_rigid_mm=linear.rms(all_rigid.judged_mm),
+            all_rigid_mm=rms(all_rigid.judged_mm),
             without_each_mm=rigid.judged_mm,
             all_rigid_each_mm=all_rigid.judged_mm,
             weights=_relative_to(found),
@@ -178,7 +181,7 @@ class _LinearProblem:
     def of(cls, found: Verdict) -> _LinearProblem:
         """Return the problem of a verdict's extended model and of the poses it was fitted to."""
         at, poses = found.extended.at, found.train.poses
-        residual, jacobian = linear.residual_and_jacobian(at, poses)
+        residual, jacobian = jacobians.residual_and_jacobian(at, poses)
         weights = pose_weights(residual, float(jacobian.shape[2]), poses.measured)
         trusted_holdout = found.trusted_holdout
         held_out = None if trusted_holdout is None else trusted_holdout.poses
@@ -215,13 +218,13 @@ class _LinearProblem:
     @cached_property
     def off_prior(self) -> Array:
         """Return how far unknowns (k,) are from their prior means, in prior standard deviations."""
-        return np.where(self.is_weight, linear.unknowns(self.at) / self.prior_std, 0.0)
+        return np.where(self.is_weight, all_unknowns(self.at) / self.prior_std, 0.0)
 
     @cached_property
     def rows(self) -> tuple[Array, Array]:
         """Return the whitened design matrix (N, k), unknowns scaled, and residual (N,)."""
         at = self.at
-        residual, jacobian = linear.residual_and_jacobian(at, self.poses)
+        residual, jacobian = jacobians.residual_and_jacobian(at, self.poses)
         for term in at.model.terms:
             # A joint that is all but rigid is held: it cannot have a negative compliance.
             if is_spring(term) and self.is_rigid(term):
@@ -258,15 +261,15 @@ class _LinearProblem:
     @property
     def held_out_rms_mm(self) -> float | None:
         """Return the root mean square error of held-out poses; None without any."""
-        return None if self.held_out is None else linear.rms(self.judged_mm)
+        return None if self.held_out is None else rms(self.judged_mm)
 
     def _errors_mm(self, poses: Observations) -> Array:
         """Return the position errors (P,) that remain in poses after the step, to first order.
 
         The step may take springs beyond their bounds: only the remaining errors are used.
         """
-        residual, jacobian = linear.residual_and_jacobian(self.at, poses)
-        return linear.error_mm(poses.measured, residual + jacobian @ (self.step * self.prior_std))
+        residual, jacobian = jacobians.residual_and_jacobian(self.at, poses)
+        return position_error_mm(poses.measured, residual + jacobian @ (self.step * self.prior_std))
 
     def design_effect(self, spring: JointSpring) -> float:
         """Return the variance of a spring for correlated poses over that for independent ones.
@@ -288,7 +291,7 @@ class _LinearProblem:
         scores = columns * (residual + columns @ self.step)[:, None]
         scale = np.outer(self.prior_std, self.prior_std)
         independent = self.posterior.covariance
-        return independent * scale, linear.cluster_covariance(independent, scores, stretch) * scale
+        return independent * scale, cluster_covariance(independent, scores, stretch) * scale
 
     def stiffness(self, spring: JointSpring) -> _Stiffness:
         """Return the stiffness of a joint and its largest sag.

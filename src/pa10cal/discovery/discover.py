@@ -15,7 +15,7 @@ from typing_extensions import override
 from pa10cal.arrays import Array
 from pa10cal.calibration.accuracy import noisy_campaign
 from pa10cal.calibration.two_level_fit import check_torques
-from pa10cal.discovery import linear
+from pa10cal.discovery import jacobians
 from pa10cal.discovery.blocked_cv.survey import LEAST_FOR_BLOCKS
 from pa10cal.discovery.compliance import with_compliance
 from pa10cal.discovery.field import field_of, with_field
@@ -24,9 +24,11 @@ from pa10cal.discovery.gates import gated, with_other_readings
 from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit
 from pa10cal.discovery.log_faults import fault_of_quarantined, influential_pose
 from pa10cal.discovery.loose_targets import loose_targets
+from pa10cal.discovery.model_with_effects import ModelWithEffects, with_base_motion
 from pa10cal.discovery.nameless import nameless_effects
 from pa10cal.discovery.no_harm import limits, only_within, worse_than
 from pa10cal.discovery.noise import mean_covariance, noise_of_near_poses, repeated
+from pa10cal.discovery.position_errors import mean_noise_error_mm
 from pa10cal.discovery.preparation import MeasurementSetup, Prepared, complete, context_of, prepared
 from pa10cal.discovery.proposals import with_lines_named, with_proposals
 from pa10cal.discovery.refitted_verdict import without_names
@@ -288,18 +290,18 @@ def not_sought(
     campaign = replace(campaign, baseline=calibrated.with_bends())
     baseline, setup = campaign.baseline, campaign.setup
     readings = complete(campaign.trusted, baseline, setup)
-    noise = noise_of_near_poses(readings, linear.residual(baseline, readings))
+    noise = noise_of_near_poses(readings, jacobians.residual(baseline, readings))
     measured, group = readings.measured, reading_groups(readings)
     cov = mean_covariance(noise.cov, measured.components_seen, group)
     poses, held_out = complete(average_repeats(readings), baseline, setup), campaign.held_out
-    floor_mm = linear.mean_error_of_noise_mm(poses.measured, cov)
+    floor_mm = mean_noise_error_mm(poses.measured, cov)
     compared = partial(gap, before=baseline, after=baseline, noise_floor_mm=floor_mm)
     x, covariance = np.concatenate([baseline.x, np.zeros(6)]), calibrated.covariance
-    at = replace(baseline, model=linear.with_base_term(baseline), x=x)
+    at = replace(baseline, model=with_base_motion(baseline), x=x)
     return Verdict(
         prepared=campaign,
         scorer=NotSought(
-            extended=linear.ModelWithEffects(effects=(), at=at, converged=True),
+            extended=ModelWithEffects(effects=(), at=at, converged=True),
             covariance=np.full((len(x), len(x)), np.nan) if covariance is None else covariance,
             calibrated=calibrated,
             cov=cov,
@@ -319,7 +321,7 @@ def orientations_off(readings: Observations, baseline: FittedModel) -> CannotSea
     for kind, columns in readings.measured.component_kinds:
         if not kind.startswith("attitude"):
             continue
-        residual_rad = np.abs(linear.residual(baseline, readings)[:, columns])
+        residual_rad = np.abs(jacobians.residual(baseline, readings)[:, columns])
         seen = readings.measured.components_seen[:, columns]
         typical_rad = float(np.median(residual_rad[seen]))
         variance = np.diagonal(readings.measured.stated_covariance, axis1=1, axis2=2)[:, columns]

@@ -14,9 +14,8 @@ from typing import Literal
 
 import numpy as np
 
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, rms
 from pa10cal.discovery.finding import Finding, GivesWay, name_of
-from pa10cal.discovery.linear import rms
 from pa10cal.discovery.rules import JUDGING
 from pa10cal.discovery.tuning import FIELD
 from pa10cal.results.discovery import Explained, ExplainedEffect

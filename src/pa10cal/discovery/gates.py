@@ -16,8 +16,8 @@ from pa10cal.calibration.health import most_stated
 from pa10cal.calibration.rules import GRADES
 from pa10cal.discovery.field import with_field
 from pa10cal.discovery.finding import Finding, Rival, name_of
-from pa10cal.discovery.linear import mean_error_of_noise_mm
 from pa10cal.discovery.no_harm import harmed, harmless, worse_than
+from pa10cal.discovery.position_errors import mean_noise_error_mm
 from pa10cal.discovery.preparation import Prepared
 from pa10cal.discovery.refitted_verdict import (
     finding_of,
@@ -362,7 +362,7 @@ def _disagreements(found: Verdict) -> Iterator[str]:
         below = by_repeats and value_mm < expected_mm / NAMES.agree_ratio
         if below or value_mm > NAMES.agree_ratio * expected_mm:
             yield f"{name} is {value_mm:.3g} mm where the repeatability gives {expected_mm:.3g} mm"
-    stated_mm = mean_error_of_noise_mm(measured, measured.stated_covariance)
+    stated_mm = mean_noise_error_mm(measured, measured.stated_covariance)
     joints_mm = GRADES.joint_rad * measured.spread_mm
     most = most_stated(NAMES.agree_ratio, from_touches=measured.from_touches)
     too_small = stated_mm > most * floor_mm

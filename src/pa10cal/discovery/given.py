@@ -20,7 +20,7 @@ from pa10cal.calibration.grade_evidence import GradeEvidence
 from pa10cal.calibration.health import health
 from pa10cal.calibration.load_case import LoadCase, base_parameters
 from pa10cal.calibration.options import CalibrationOptions, EffectOfPlace
-from pa10cal.discovery import linear
+from pa10cal.discovery import jacobians
 from pa10cal.discovery.blocked_cv.block_rows import weighted_rows
 from pa10cal.discovery.blocked_cv.family import computable_shapes
 from pa10cal.discovery.blocked_cv.other_baselines import with_tilts_shown
@@ -31,6 +31,7 @@ from pa10cal.discovery.evidence.by_repeats import fit_given
 from pa10cal.discovery.evidence.fit import covariance_of, targets_off_m
 from pa10cal.discovery.evidence.problem import prepare
 from pa10cal.discovery.finding import effect_parameters
+from pa10cal.discovery.model_with_effects import ModelWithEffects
 from pa10cal.discovery.noise import whitener_of
 from pa10cal.discovery.preparation import MeasurementSetup, Prepared, complete, prepared, setup_of
 from pa10cal.discovery.refitted_verdict import holds_zero
@@ -202,7 +203,7 @@ def _bent_links(effects: Sequence[EffectOfPlace | Effect], arm: Arm) -> list[int
 class _Fit(NamedTuple):
     """The calibrated model with effects, fitted as a scorer fits it."""
 
-    extended: linear.ModelWithEffects
+    extended: ModelWithEffects
     poses: Observations  # those fitted, P of them
     covariance: Array  # (k, k) of all unknowns
     whitener: Array  # (P, b, b) of their components
@@ -257,8 +258,8 @@ def _effects(
     possible = {(e.id, e.of): e for e in everywhere_but(every_effect(), context, ())}
     lines: dict[str, Effect] = {}
     if any(each.id == GearLine.id and isinstance(each, EffectOfPlace) for each in wanted):
-        residual = linear.residual(campaign.baseline, poses)
-        rows = linear.WhitenedPoses(campaign.baseline, poses, residual, whitener)
+        residual = jacobians.residual(campaign.baseline, poses)
+        rows = jacobians.WhitenedPoses(campaign.baseline, poses, residual, whitener)
         lines = {line.of: line for line in gear_lines(rows, campaign.setup.options.error_rate)}
     found = []
     for each in wanted:
@@ -362,7 +363,7 @@ def _summary(fit: _Fit) -> FitSummary:
     kept = np.ones(len(every), dtype=bool)
     kept[: len(model.parameters)] = ~model.having("weight")
     parameters = tuple(each for each, stays in zip(every, kept, strict=True) if stays)
-    jacobian = linear.residual_and_jacobian(fit.extended.at, fit.poses)[1][:, :, kept]
+    jacobian = jacobians.residual_and_jacobian(fit.extended.at, fit.poses)[1][:, :, kept]
     white = fit.whitener @ jacobian
     scale = np.array([parameter.scale for parameter in parameters])
     rank = identify(white.reshape(-1, white.shape[2]), scale)

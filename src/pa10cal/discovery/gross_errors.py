@@ -16,7 +16,7 @@ from scipy.ndimage import median_filter
 from scipy.special import chdtri
 
 from pa10cal.arrays import Array, Index, Mask
-from pa10cal.discovery.linear import by_every_joint, residual
+from pa10cal.discovery.jacobians import ideal_by_joints, residual
 from pa10cal.discovery.noise import noise_of_repeats, repeat_groups, whitener_of
 from pa10cal.discovery.pose_scatter import pose_weights
 from pa10cal.discovery.rules import NOISE, ROWS
@@ -85,7 +85,7 @@ def _off_repeats(
     try:
         apart, _ = _less_others(still, group, seen, found.excluded)
         plain = np.where(found.excluded[:, None], still - apart, still)
-        noise = noise_of_repeats(readings, -plain, by_every_joint(model, readings))
+        noise = noise_of_repeats(readings, -plain, ideal_by_joints(model, readings))
         whitener = whitener_of(noise.cov + SCATTER.least_stated**2 * stated)
     except (DiscoveryError, np.linalg.LinAlgError):
         pass
@@ -172,7 +172,7 @@ def _of_one_joint(readings: Observations, model: FittedModel, apart: Array, out:
         return False
     whitener = whitener_of(off.measured.stated_covariance)
     white = (whitener @ apart[rows, :, None])[:, :, 0]
-    by_joint = whitener @ by_every_joint(model, off)
+    by_joint = whitener @ ideal_by_joints(model, off)
     turned = np.einsum("pbj,pb->pj", by_joint, white)
     turned /= np.maximum(np.sum(by_joint**2, axis=1), np.finfo(float).tiny)
     remaining = np.sum((white[:, :, None] - by_joint * turned[:, None, :]) ** 2, axis=(0, 1))

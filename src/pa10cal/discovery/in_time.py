@@ -17,8 +17,8 @@ from typing import NamedTuple
 import numpy as np
 
 from pa10cal.arm.statics import PoseStates
-from pa10cal.arrays import Array, Index, Mask
-from pa10cal.discovery import linear
+from pa10cal.arrays import Array, Index, Mask, rms
+from pa10cal.discovery import jacobians
 from pa10cal.discovery.noise import same_circumstances
 from pa10cal.discovery.nuisances import (
     NO_MOTION,
@@ -28,6 +28,7 @@ from pa10cal.discovery.nuisances import (
     motions_along,
     sizes_of_motions,
 )
+from pa10cal.discovery.position_errors import position_error_mm, position_noise_m2
 from pa10cal.discovery.preparation import why_unknown
 from pa10cal.discovery.rules import CANDIDATES, MOTION
 from pa10cal.discovery.target_wander import target_wander
@@ -66,11 +67,11 @@ def _motion_in(rows: _TimedRows, *, walks: bool) -> TimeFindings:
     found = replace(found, amounts=amounts)
     walk = replace(found, jumps=(), amounts=amounts[6 * len(found.jumps) :])
     all_mm, walk_mm = (
-        linear.rms(linear.error_mm(poses.measured, motion.shift(rows.at, poses)))
+        rms(position_error_mm(poses.measured, motion.shift(rows.at, poses)))
         for motion in (found, walk)
     )
     cov = np.asarray(np.linalg.inv(np.swapaxes(rows.whitener, 1, 2) @ rows.whitener))
-    variance = np.trace(linear.position_noise(poses.measured, cov), axis1=1, axis2=2)
+    variance = np.trace(position_noise_m2(poses.measured, cov), axis1=1, axis2=2)
     noise_mm = 1e3 * float(np.sqrt(np.median(variance))) * rows.about(found).noise_scale
     if all_mm < MOTION.least_noise_ratio * noise_mm:
         return TimeFindings(None, has_drift)
@@ -136,7 +137,7 @@ class _TimedRows:
         self.at, self.poses, self.whitener = at, poses, whitener
         self.time_s = poses.states.time_s
         self.times_s = np.sort(self.time_s)
-        self._white = whitener @ linear.by_base(at, poses)
+        self._white = whitener @ jacobians.by_base(at, poses)
         seen = poses.measured.components_seen
         self._seen = int(seen.sum())
         self._group = same_circumstances(poses)
@@ -145,7 +146,7 @@ class _TimedRows:
         self._components = self._seen / len(seen)
         self._held = whitener @ np.concatenate(held, axis=2)
         self._widths = [columns.shape[2] for columns in held]
-        self._data = whitener @ -linear.residual(at, poses)[:, :, None]
+        self._data = whitener @ -jacobians.residual(at, poses)[:, :, None]
         walk = Wander(self.times_s, (), walk_m=1.0)
         self._walk = motions_along(self._white, walk.courses(self.time_s))
         self._products: dict[tuple[float, ...], list[Gaussian]] = {}
@@ -354,10 +355,10 @@ def in_time_of(
         poses, whitener = poses.take(shown), whitener[shown]
     own = [term for term in at.model.terms if not is_error_map(term)]
     load_N = poses.states.load_N
-    by_load = motions_along(linear.by_base(at, poses), load_N[:, None] == np.unique(load_N)[1:])
+    by_load = motions_along(jacobians.by_base(at, poses), load_N[:, None] == np.unique(load_N)[1:])
     held = [
-        *linear.by_own_terms(at, poses, own),
-        linear.by_targets(at, poses) * MOTION.targets_m,
+        *jacobians.by_scaled_terms(at, poses, own),
+        jacobians.by_targets(at, poses) * MOTION.targets_m,
         MOTION.by_load_m * by_load,
     ]
     static, of_time = by_pose_and_time(at, poses, effects, logged=logged, weights=weights)
@@ -369,7 +370,7 @@ def in_time_of(
 
     found = beside(())
     if found.wander is not None and found.wander.walk_m:
-        of_targets = target_wander(at, poses, linear.residual(at, poses))
+        of_targets = target_wander(at, poses, jacobians.residual(at, poses))
         if of_targets is not None:
             return replace(NO_MOTION, has_drift=found.has_drift, of_targets=of_targets)
     if again:  # poses measured again show that no joint and no load explains the motion
@@ -449,7 +450,7 @@ def _motions_by(rivals: tuple[Threshold, ...], at: FittedModel, poses: Observati
         courses.append(np.cos(np.pi * np.outer(rank, waves)) / waves)
     every = np.column_stack(courses)
     sizes = np.tile(sizes_of_motions(MOTION.rival_m, 1.0), every.shape[1])
-    return motions_along(linear.by_base(at, poses), every - np.mean(every, axis=0)) * sizes
+    return motions_along(jacobians.by_base(at, poses), every - np.mean(every, axis=0)) * sizes
 
 
 # Columns of all that depends on the pose, beside which something is sought in time.
@@ -472,7 +473,7 @@ def by_pose_and_time(
     shapes = [effect for effect in known for _ in effect.starts]
     starts = [start for effect in known for start in effect.starts]
     none = np.zeros((*poses.measured.components_seen.shape, 0))
-    columns = [none, *linear.by_effects(at, poses, shapes, starts)]
+    columns = [none, *jacobians.by_scaled_effects(at, poses, shapes, starts)]
     with_time = np.array([False, *(effect.goes_with_time for effect in shapes)])
     with_time = np.repeat(with_time, [each.shape[2] for each in columns])
     every = np.concatenate(columns, axis=2)
@@ -487,7 +488,7 @@ def _waves(at: FittedModel, poses: Observations, slow: Mask) -> Array:
     """Return columns (P, b, w) of waves of the error of every turning joint by its angle."""
     arm = at.arm
     joints = [joint for joint, slides in enumerate(arm.prismatic, start=1) if not slides]
-    screws = linear.by_joints(at, poses, joints)
+    screws = jacobians.by_joints(at, poses, joints)
     q_rad = poses.states.q_rad[:, [joint - 1 for joint in joints]]
     columns = [np.zeros((*screws.shape[:2], 0))]
     for k, joint in enumerate(joints):

@@ -14,7 +14,7 @@ import numpy as np
 from typing_extensions import override
 
 from pa10cal.arrays import Array, Index
-from pa10cal.discovery import linear
+from pa10cal.discovery import jacobians
 from pa10cal.discovery.changed import (
     WORDS,
     Step,
@@ -167,7 +167,7 @@ class _Steps:
     def are_sudden(self, joint: int) -> bool:
         """Return whether those of a joint gain beside an error of it that comes on gradually."""
         own = self.joints == joint
-        by_joint = CHANGE.size * linear.by_joints(self.at, self.poses, (joint,))
+        by_joint = CHANGE.size * jacobians.by_joints(self.at, self.poses, (joint,))
         courses = (*gradual_courses(self.poses), *_settling(self.poses))
         gradual = [CHANGE.static_sizes * by_joint * course for course in courses]
         others = CHANGE.static_sizes * self.columns[:, :, ~own]
@@ -191,7 +191,7 @@ def _needed(at: FittedModel, poses: Observations) -> float:
 
 def _columns(steps: Sequence[tuple[int, float]], at: FittedModel, poses: Observations) -> Array:
     """Return the derivative of predicted less measured components by steps, (P, b, k)."""
-    columns = linear.by_joints(at, poses, [joint for joint, _ in steps])
+    columns = jacobians.by_joints(at, poses, [joint for joint, _ in steps])
     after = poses.states.time_s[:, None] > np.array([time_s for _, time_s in steps])
     return CHANGE.size * columns * after[:, None, :]
 
@@ -200,7 +200,7 @@ def _chosen(at: FittedModel, poses: Observations, whitener: Array) -> list[tuple
     """Return the joints and times of steps that gain enough one after the other, by time."""
     joints, time_s = range(1, at.arm.n + 1), poses.states.time_s
     middles_s = 0.5 * (time_s + np.roll(time_s, 1))  # between each row and the one before
-    of_each = {joint: CHANGE.size * linear.by_joints(at, poses, (joint,)) for joint in joints}
+    of_each = {joint: CHANGE.size * jacobians.by_joints(at, poses, (joint,)) for joint in joints}
     found: list[tuple[int, float]] = []
 
     def best(beside: list[tuple[int, float]], among: Sequence[int]) -> tuple[int, Step]:
@@ -241,7 +241,7 @@ def _described(
     joint: int, time_s: float, rows: StepRows, at: FittedModel, poses: Observations
 ) -> JointStep:
     """Return a step with what else explains it, by rows beside the other steps."""
-    columns = CHANGE.size * linear.by_joints(at, poses, (joint,))
+    columns = CHANGE.size * jacobians.by_joints(at, poses, (joint,))
     row = np.searchsorted(poses.states.time_s, [time_s])
     step = rows.best(columns, row)
     near = rows.as_good(columns, step.scale, int(row[0]))

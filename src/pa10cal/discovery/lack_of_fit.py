@@ -13,10 +13,16 @@ from numpy.typing import NDArray
 from scipy.special import fdtrc
 
 from pa10cal.arrays import Array
-from pa10cal.discovery import linear
+from pa10cal.discovery import jacobians
 from pa10cal.discovery.noise import whitener_of
+from pa10cal.discovery.position_errors import (
+    position_error_mm,
+    position_errors_along_axes,
+    position_noise_m2,
+)
 from pa10cal.discovery.tuning import COMPUTING, PLACES
 from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.numerics.least_squares import cluster_covariance
 from pa10cal.observe.observations import Observations
 from pa10cal.results import analysis as records
 from pa10cal.results.evaluation import Estimate
@@ -50,7 +56,7 @@ def _last_coefficient(
     found = inverse @ (weighted.T @ values)
     labels, cluster = np.unique(pose, return_inverse=True)
     scores: Array = weighted * (values - columns @ found)[:, None]
-    std = float(np.sqrt(linear.cluster_covariance(inverse, scores, cluster)[-1, -1]))
+    std = float(np.sqrt(cluster_covariance(inverse, scores, cluster)[-1, -1]))
     known = len(labels) > 1 and np.isfinite(std)
     return Estimate(value=float(found[-1]), std=std if known else None)
 
@@ -158,7 +164,9 @@ class CellResiduals:
     def about(cls, at: FittedModel, poses: Observations, cov: Array) -> CellResiduals:
         """Return the residuals of complete poses, whose components have a covariance (P, b, b)."""
         joints = range(1, poses.states.n + 1)
-        return cls(at, poses, -linear.residual(at, poses), cov, linear.by_joints(at, poses, joints))
+        return cls(
+            at, poses, -jacobians.residual(at, poses), cov, jacobians.by_joints(at, poses, joints)
+        )
 
 
 def lack_of_fit(
@@ -169,9 +177,9 @@ def lack_of_fit(
     `pure_error` is the test of the errors that readings of a pose share; None without repeats.
     """
     cells, states, cov = residuals.cells, residuals.cells.states, residuals.cov
-    squares = linear.error_mm(cells.measured, residuals.components) ** 2
-    noise = 1e6 * np.trace(linear.position_noise(cells.measured, cov), axis1=1, axis2=2)
-    found_m, found_m2 = linear.position_m(residuals.at, cells, residuals.components, cov)
+    squares = position_error_mm(cells.measured, residuals.components) ** 2
+    noise = 1e6 * np.trace(position_noise_m2(cells.measured, cov), axis1=1, axis2=2)
+    found_m, found_m2 = position_errors_along_axes(residuals.at, cells, residuals.components, cov)
     position_mm, noise_mm2 = 1e3 * found_m, 1e6 * found_m2
     weight = cells.readings.astype(float)
     return records.LackOfFit(

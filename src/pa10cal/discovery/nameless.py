@@ -18,7 +18,7 @@ import numpy as np
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index
-from pa10cal.discovery.linear import base_shown
+from pa10cal.discovery.model_with_effects import identifiable_base_motions
 from pa10cal.discovery.preparation import computable
 from pa10cal.discovery.tuning import FIELD
 from pa10cal.fit.discrepancy import RowsAboutFit
@@ -142,7 +142,9 @@ def _departures(model: Fitted, measured: Instrument) -> tuple[Term, ...]:
     """Return departures of links, base (where it shows) and tool in addition to those there."""
     links = [term for term in model.model.terms if term.constant and term.of == "links"]
     base = base_frame()
-    shown = compress((parameter.name for parameter in base.parameters), base_shown(measured))
+    shown = compress(
+        (parameter.name for parameter in base.parameters), identifiable_base_motions(measured)
+    )
     return (*links, base.only(set(shown)), tool_frame())
 
 

@@ -18,7 +18,8 @@ from pa10cal.arrays import Mask
 from pa10cal.calibration.accuracy import summarise
 from pa10cal.discovery.finding import Finding
 from pa10cal.discovery.gap import PairedErrors, fallen_back, trusted
-from pa10cal.discovery.linear import position_noise, residual_and_jacobian
+from pa10cal.discovery.jacobians import residual_and_jacobian
+from pa10cal.discovery.position_errors import position_noise_m2
 from pa10cal.discovery.refitted_verdict import without_names
 from pa10cal.discovery.rules import NAMES
 from pa10cal.discovery.verdict import Basis, Scorer, Verdict, is_named
@@ -300,7 +301,7 @@ def _beyond_uncertainty(found: Verdict, gap: PairedErrors, rows: Mask) -> bool:
     floor_mm = gap.noise_floor_mm
     if (scatter := found.scorer.scatter) is not None:
         spread, floor_mm = spread + scatter.covariance(found.extended.at, poses), 0.0
-    variance = np.trace(position_noise(poses.measured, spread), axis1=1, axis2=2)
+    variance = np.trace(position_noise_m2(poses.measured, spread), axis1=1, axis2=2)
     expected_mm = np.hypot(floor_mm, 1e3 * np.sqrt(variance.mean()))
     after_mm = summarise(gap.found_after, rows).rms_mm
     return bool(after_mm > NAMES.contradicted_ratio * expected_mm)

@@ -19,7 +19,7 @@ from scipy.spatial import cKDTree
 
 from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Array, Index, Mask
-from pa10cal.discovery.linear import by_every_joint
+from pa10cal.discovery.jacobians import ideal_by_joints
 from pa10cal.discovery.rules import NOISE
 from pa10cal.discovery.tuning import COMPUTING
 from pa10cal.errors import DiscoveryError
@@ -376,5 +376,5 @@ def with_torque_noise(
     turned_rad = np.zeros(states.q_rad.shape)
     for spring in springs:
         turned_rad[:, spring.joint - 1] += spring.by_torque(states, at.values_of(spring))
-    moved = by_every_joint(at, poses) * (turned_rad * torque_Nm)[:, None, :]
+    moved = ideal_by_joints(at, poses) * (turned_rad * torque_Nm)[:, None, :]
     return replace(noise, cov=noise.cov + moved @ np.swapaxes(moved, 1, 2), torque_Nm=torque_Nm)

@@ -15,9 +15,10 @@ from types import MappingProxyType
 import numpy as np
 from typing_extensions import override
 
-from pa10cal.arrays import Array
-from pa10cal.discovery import linear
+from pa10cal.arrays import Array, rms
+from pa10cal.discovery import jacobians
 from pa10cal.discovery.log_faults import DiagnosedFault
+from pa10cal.discovery.position_errors import position_error_mm
 from pa10cal.discovery.rules import BLOCKS, MOTION
 from pa10cal.discovery.target_wander import TargetWander
 from pa10cal.fit.fitted_model import FittedModel
@@ -98,12 +99,12 @@ class Wander(Nuisance):
     @override
     def columns(self, at: FittedModel, poses: Observations) -> Array:
         courses = self.courses(poses.states.time_s)
-        return motions_along(linear.by_base(at, poses), courses) * self.sizes
+        return motions_along(jacobians.by_base(at, poses), courses) * self.sizes
 
     @override
     def shift(self, at: FittedModel, poses: Observations) -> Array:
         motions = self.motions(poses.states.time_s)
-        return np.asarray((linear.by_base(at, poses) @ motions[:, :, None])[:, :, 0])
+        return np.asarray((jacobians.by_base(at, poses) @ motions[:, :, None])[:, :, 0])
 
     def motions(self, time_s: Array) -> Array:
         """Return the most likely motions of the base at times (P,), (P, 6) [m, rad]."""
@@ -131,7 +132,7 @@ class AttitudeLag(Nuisance):
 
     @override
     def columns(self, at: FittedModel, poses: Observations) -> Array:
-        by_lag = linear.by_joints(at, poses, self.joints)
+        by_lag = jacobians.by_joints(at, poses, self.joints)
         by_lag[:, poses.measured.position_columns] = 0.0
         move = poses.states.move_from_previous[:, [joint - 1 for joint in self.joints]]
         by_lag = by_lag * move[:, None, :] * BLOCKS.lag_rad
@@ -228,8 +229,8 @@ def steps_in_time(
         return ()
     faults = []
     for jump, motion in zip(wander.jumps, wander.motions_by_course, strict=False):  # walks follow
-        size_mm = linear.rms(
-            linear.error_mm(readings.measured, linear.by_base(at, readings) @ motion)
+        size_mm = rms(
+            position_error_mm(readings.measured, jacobians.by_base(at, readings) @ motion)
         )
         turn_mrad = 1e3 * float(np.linalg.norm(motion[3:]))
         what = f"the instrument or the base moved by {size_mm:.2g} mm and {turn_mrad:.2f} mrad"

@@ -20,8 +20,9 @@ from scipy.optimize import minimize
 from scipy.special import chdtri
 
 from pa10cal.arrays import Array, Index
-from pa10cal.discovery.linear import by_joints, position_m
+from pa10cal.discovery.jacobians import by_joints
 from pa10cal.discovery.noise import whitener_of
+from pa10cal.discovery.position_errors import position_errors_along_axes
 from pa10cal.discovery.rules import NOISE
 from pa10cal.discovery.tuning import COMPUTING
 from pa10cal.fit.fitted import TOOL_FRAME
@@ -186,7 +187,7 @@ def share_inside(
     """
     residual = fitted.compared(poses).residual if residual is None else residual
     of_poses = scatter.covariance(fitted, poses)
-    off_m, variance = position_m(fitted, poses, residual, of_poses)
+    off_m, variance = position_errors_along_axes(fitted, poses, residual, of_poses)
     forward = Forward.of(fitted, TOOL_FRAME)
     R = fitted.T_instr_base[:3, :3]
     own = R @ forward.position_covariance(poses.states, forward.end(poses.states)) @ R.T

@@ -18,9 +18,9 @@ from scipy.optimize import minimize_scalar
 from pa10cal.arm.description import weights_known
 from pa10cal.arm.statics import Payload, PoseStates
 from pa10cal.arrays import Array
-from pa10cal.discovery import linear
+from pa10cal.discovery import jacobians
 from pa10cal.discovery.in_time import by_pose_and_time
-from pa10cal.discovery.linear import WhitenedPoses
+from pa10cal.discovery.jacobians import WhitenedPoses
 from pa10cal.discovery.preparation import sought
 from pa10cal.discovery.rules import CHANGE, LINES, MOTION, PROBABILITIES, WARMING, WOBBLES
 from pa10cal.discovery.together import heavier
@@ -90,7 +90,7 @@ def gear_lines(
     if not joints:
         return ()
     terms, sizes, data = at.model.terms, possible_sizes(at.model), rows.data
-    of_terms = linear.by_own_terms(at, poses, terms, rows.whitener)
+    of_terms = jacobians.by_scaled_terms(at, poses, terms, rows.whitener)
     own = dict(zip(terms, of_terms, strict=True))
     found = _lines(rows, joints, [*own.values(), rows.by_targets], data, error_rate)
     maps = [term for term in own if is_error_map(term)]
@@ -116,7 +116,7 @@ def _lines(
 ) -> tuple[GearLine, ...]:
     """Return the lines of joints in whitened data (P, b), beside own columns (P, b, k)."""
     rivals = _Rivals(np.concatenate(own, axis=2), data)
-    by_joint = rows.whitener @ linear.by_joints(rows.at, rows.poses, joints)
+    by_joint = rows.whitener @ jacobians.by_joints(rows.at, rows.poses, joints)
     q_rad = rows.poses.states.q_rad
     spectra = [
         _Periodogram.of(rivals, by_joint[:, :, k], q_rad[:, joint - 1])
@@ -235,10 +235,10 @@ def wobbles(
         return ()
     rows = replace(rows, at=rows.at.with_bends(range(1, rows.at.arm.n)))
     at, poses, whiten = rows.at, rows.poses, rows.whitener
-    own = linear.by_own_terms(at, poses, at.model.terms, whiten)
+    own = jacobians.by_scaled_terms(at, poses, at.model.terms, whiten)
     columns = [*own, rows.by_targets, *_giving_way(rows, context, payload)]
     starts = [wobble.starts[0] for wobble in tried]
-    tilts = np.stack(linear.by_effects(at, poses, tried, starts, whiten), axis=2)
+    tilts = np.stack(jacobians.by_scaled_effects(at, poses, tried, starts, whiten), axis=2)
     rivals = _Rivals(np.concatenate(columns, axis=2), rows.data)
     gains = rivals.with_each(tilts).gains(rivals.seen)[0] / PROBABILITIES.blocks
     best, *others = np.argsort(-gains).tolist()
@@ -259,7 +259,7 @@ def _giving_way(
     starts = [effect.starts[0] for effect in soft]
 
     def columns(poses: Observations) -> Array:
-        found = linear.by_effects(rows.at, poses, soft, starts, rows.whitener)
+        found = jacobians.by_scaled_effects(rows.at, poses, soft, starts, rows.whitener)
         return WOBBLES.sizes * np.concatenate(found, axis=2)
 
     described, arm = columns(rows.poses), rows.at.arm
@@ -322,7 +322,7 @@ def _warm_up_columns(rows: WhitenedPoses, tried: tuple[WarmsUp, ...], taus_s: Ar
     """Return whitened columns (P, b, K, m) of m warm-ups with each of K time constants."""
     shapes = [replace(effect, tau_s=float(tau_s)) for tau_s in taus_s for effect in tried]
     starts = [shape.starts[0] for shape in shapes]
-    columns = linear.by_effects(rows.at, rows.poses, shapes, starts, rows.whitener)
+    columns = jacobians.by_scaled_effects(rows.at, rows.poses, shapes, starts, rows.whitener)
     every = np.concatenate(columns, axis=2)
     return every.reshape(*every.shape[:2], len(taus_s), len(tried))
 
@@ -332,7 +332,7 @@ def _poses_and_drifts(rows: WhitenedPoses, context: CandidateContext, *, logged:
     at, poses, whiten = rows.at, rows.poses, rows.whitener
     effects = sought(context, at.model.terms)
     smooth = by_pose_and_time(at, poses, effects, logged=logged, weights=True)
-    own = linear.by_own_terms(at, poses, at.model.terms, whiten)
+    own = jacobians.by_scaled_terms(at, poses, at.model.terms, whiten)
     columns = [
         *(CHANGE.static_sizes * each for each in own),
         MOTION.targets_m * rows.by_targets,
@@ -357,7 +357,7 @@ def _best_motion(rows: WhitenedPoses, rivals: _Rivals, since_s: Array, taus_s: A
     steps_s = np.quantile(early_s, np.linspace(0.0, 1.0, MOTION.coarse_times))
     settling = np.exp(-since_s[:, None] / taus_s)
     courses = np.concatenate([settling, since_s[:, None] <= steps_s], axis=1)[:, None, :, None]
-    of_base = rows.whitener @ linear.by_base(rows.at, rows.poses)
+    of_base = rows.whitener @ jacobians.by_base(rows.at, rows.poses)
     motions = [each for each in (of_base, rows.by_targets) if each.shape[2]]
     gains = (
         _gains_at_best_size(rivals, WARMING.base_m * each[:, :, None, :] * courses)

@@ -25,7 +25,7 @@ from pa10cal.discovery.gross_errors import (
     position_mm,
     times_usual,
 )
-from pa10cal.discovery.linear import residual
+from pa10cal.discovery.jacobians import residual
 from pa10cal.discovery.log_faults import DiagnosedFault, fault_of_pose
 from pa10cal.discovery.rules import NOISE, ROWS
 from pa10cal.fit.fitted_model import FittedModel

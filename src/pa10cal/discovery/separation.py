@@ -20,7 +20,8 @@ from pa10cal.discovery.evidence.candidates import linearise
 from pa10cal.discovery.evidence.fit import EvidenceFit
 from pa10cal.discovery.evidence.noise_model import NoiseModel, SharedVariances
 from pa10cal.discovery.evidence.problem import EvidenceProblem, pose_noise_model, torque_noise_model
-from pa10cal.discovery.linear import ModelWithEffects, by_every_joint
+from pa10cal.discovery.jacobians import ideal_by_joints
+from pa10cal.discovery.model_with_effects import ModelWithEffects
 from pa10cal.discovery.noise import Noise, same_circumstances, whitener_of
 from pa10cal.discovery.nuisances import TimeFindings
 from pa10cal.discovery.preparation import complete
@@ -103,7 +104,7 @@ def _reading_cov(problem: EvidenceProblem, poses: Observations) -> Array:
     measured = readings.measured
 
     def of_joints(some: Observations) -> Array:
-        by_joint = by_every_joint(at, some)
+        by_joint = ideal_by_joints(at, some)
         return np.asarray((by_joint * noise.joint_rad**2) @ by_joint.transpose(0, 2, 1))
 
     stated = noise.instrument**2 * measured.stated_covariance
@@ -220,7 +221,7 @@ class _Rows:
         rows = {e: np.concatenate([now.of_effects[e], then.of_effects[e]]) for e in effects}
         sizes = dict.fromkeys(effects, EVIDENCE.sizes[-1])
         sizes |= {effect: EVIDENCE.sizes[size] for effect, size in found.size_of.items()}
-        amounts = {e: found.of(e)[: e.linear, None] for e in found.effects}
+        amounts = {e: found.at.values_of(e)[: e.linear, None] for e in found.effects}
         return cls(
             own=np.concatenate([now.common, then.common]),
             by_effect={e: rows[e] @ now.factors[e] * sizes[e] for e in effects},

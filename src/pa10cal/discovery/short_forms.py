@@ -14,9 +14,8 @@ from functools import cached_property
 import numpy as np
 
 from pa10cal.arm.statics import PoseStates
-from pa10cal.arrays import Array, Index
+from pa10cal.arrays import Array, Index, standard_error_of_sum
 from pa10cal.discovery.finding import effect_parameters, name_of
-from pa10cal.discovery.linear import standard_error
 from pa10cal.discovery.tuning import FORMS
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.results.discovery import ProposedEvidence, ProposedFormula
@@ -156,7 +155,7 @@ class _Judge:
         gain = self.without - tried.squares
         enough = max(
             self.needed,
-            FORMS.standard_errors * standard_error(gain),
+            FORMS.standard_errors * standard_error_of_sum(gain),
             FORMS.least_explained_share * (float(self.without.sum()) - reachable),
         )
         if float(gain.sum()) <= enough / errors:
@@ -254,7 +253,7 @@ def _record(
             squared_error_without=total,
             squared_error_with=best.total,
             squared_error_held=None if judge.held is None else float(judge.held.sum()),
-            gain_std=standard_error(gain) / total,
+            gain_std=standard_error_of_sum(gain) / total,
         ),
     )
 
@@ -262,7 +261,7 @@ def _record(
 def _no_worse(squares: Array, than: Array, errors: float) -> bool:
     """Return whether squares (B,) of blocks are no larger, to within some standard errors."""
     lost = squares - than
-    return bool(lost.sum() <= errors * np.hypot(standard_error(lost), FORMS.chance_squares))
+    return bool(lost.sum() <= errors * np.hypot(standard_error_of_sum(lost), FORMS.chance_squares))
 
 
 def _one_is_enough(two: _Tried, tried: Sequence[_Tried], needed: float) -> bool:

@@ -15,8 +15,9 @@ from typing import NamedTuple
 import numpy as np
 
 from pa10cal.arrays import Array
-from pa10cal.discovery import linear
-from pa10cal.discovery.linear import WhitenedPoses
+from pa10cal.discovery import jacobians
+from pa10cal.discovery.jacobians import WhitenedPoses
+from pa10cal.discovery.position_errors import position_noise_m2
 from pa10cal.discovery.rules import BLOCKS, MOTION
 from pa10cal.discovery.tuning import COMPUTING
 from pa10cal.fit.discrepancy import less_far_off
@@ -129,7 +130,7 @@ def _lagged_products(values: Array, most_lag: int) -> Array:
 
 def _projectors(rows: WhitenedPoses) -> tuple[Array, Array]:
     """Return projectors (P, b, b) on what motions of the base make of a pose, and on the rest."""
-    by_motion = rows.whitener @ linear.by_base(rows.at, rows.poses)
+    by_motion = rows.whitener @ jacobians.by_base(rows.at, rows.poses)
     rigid = by_motion @ np.linalg.pinv(by_motion, rcond=COMPUTING.least_singular)
     seen = rows.poses.measured.components_seen
     rest = seen[:, :, None] * np.eye(seen.shape[1]) - rigid
@@ -148,7 +149,7 @@ def _without_pattern(rows: WhitenedPoses, rest: Array) -> Array:
 
 def _stated_mm(poses: Observations) -> float:
     """Return the usual position error by the stated uncertainty."""
-    noise_m2 = linear.position_noise(poses.measured, poses.measured.stated_covariance)
+    noise_m2 = position_noise_m2(poses.measured, poses.measured.stated_covariance)
     return 1e3 * float(np.sqrt(np.median(np.trace(noise_m2, axis1=1, axis2=2))))
 
 

@@ -22,7 +22,7 @@ from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Array, drawn
 from pa10cal.calibration.general.problem import loaded_joints
 from pa10cal.calibration.rules import SPRINGS
-from pa10cal.discovery import linear
+from pa10cal.discovery import jacobians
 from pa10cal.discovery.finding import Rival, threshold
 from pa10cal.discovery.nameless import nameless_effects
 from pa10cal.discovery.preparation import MeasurementSetup, computable
@@ -398,18 +398,18 @@ def _own_columns(
     terms = bare.model.terms
     others = [t for t in terms if is_effect(t) and (t.id, t.of) not in names]
     own = [t for t in terms if not (is_effect(t) or is_spring(t) or holds_weights(t))]
-    of_others = linear.by_terms(
+    of_others = jacobians.by_terms(
         bare, poses, others, [bare.values_of(other) for other in others], whiten
     )
     targets = possible_sizes(bare.model, poses.measured)[len(bare.x) :]
     return np.concatenate(
         [
-            *linear.by_own_terms(bare, poses, own, whiten),
+            *jacobians.by_scaled_terms(bare, poses, own, whiten),
             *(
                 columns[:, :, : other.linear] @ other.prior_factor
                 for columns, other in zip(of_others, others, strict=True)
             ),
-            whiten @ (linear.by_targets(bare, poses) * targets),
+            whiten @ (jacobians.by_targets(bare, poses) * targets),
         ],
         axis=2,
     )
@@ -448,7 +448,7 @@ def _columns_under(
 
     def columns(posed: Observations, some: Sequence[Member]) -> list[Array]:
         terms, starts = [member.term for member in some], [member.start for member in some]
-        by_terms_of = linear.by_terms(bare, posed, terms, starts, whiten)
+        by_terms_of = jacobians.by_terms(bare, posed, terms, starts, whiten)
         return [
             by_term[:, :, : len(member.sizes)] @ member.sizes
             for by_term, member in zip(by_terms_of, some, strict=True)

@@ -24,8 +24,8 @@ from pa10cal.discovery.explained import ErrorsOfModels, explained_errors
 from pa10cal.discovery.field import FieldFit, with_field
 from pa10cal.discovery.finding import Finding, GivesWay, Untestable, name_of
 from pa10cal.discovery.gap import ErrorsByName, PairedErrors, errors_by_name, trusted
-from pa10cal.discovery.linear import ModelWithEffects
 from pa10cal.discovery.log_faults import DiagnosedFault, fault_of, to_check
+from pa10cal.discovery.model_with_effects import ModelWithEffects
 from pa10cal.discovery.pose_scatter import PoseDeviations
 from pa10cal.discovery.preparation import Prepared
 from pa10cal.discovery.rules import PROBABILITIES
@@ -507,7 +507,7 @@ def _plausible_sizes(found: Verdict, effect: Effect) -> float:
     extended = found.scorer.extended
     if limited or not is_named(effect) or effect not in extended.effects:
         return 0.0
-    return effect.size(extended.of(effect)[: effect.linear])
+    return effect.size(extended.at.values_of(effect)[: effect.linear])
 
 
 def smooth_unknown(effect: Effect, left_mm: float, what: str) -> Unexplained:

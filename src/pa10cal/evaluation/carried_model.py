@@ -19,8 +19,9 @@ from pa10cal.arrays import Array
 from pa10cal.calibration.accuracy import summarise
 from pa10cal.calibration.general.refit_frames import refit_frames, with_tool_of
 from pa10cal.discovery.in_time import in_time_of
-from pa10cal.discovery.linear import residual, with_base_term
+from pa10cal.discovery.jacobians import residual
 from pa10cal.discovery.log_faults import steps_told
+from pa10cal.discovery.model_with_effects import with_base_motion
 from pa10cal.discovery.noise import same_circumstances
 from pa10cal.discovery.nuisances import steps_in_time
 from pa10cal.discovery.pose_scatter import pose_weights, weights_with_joints
@@ -76,7 +77,7 @@ def base_steps_s(refitted: RefittedModel, setup: MeasurementSetup) -> tuple[floa
     states, torques = with_torques(model.model, model.x, readings.states, setup.payload)
     poses = complete(readings.with_states(states), model, setup)
     x = np.concatenate([model.x, np.zeros(6)])
-    with_base = replace(model, model=with_base_term(model), x=x)
+    with_base = replace(model, model=with_base_motion(model), x=x)
     residuals = residual(with_base, poses)
     fitted_count = float(COMPARED.of_frames)
     group = same_circumstances(poses)

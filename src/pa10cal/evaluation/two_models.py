@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from scipy.special import chdtrc
 
 from pa10cal.arm.statics import Payload
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, rms
 from pa10cal.evaluation.parameter_differences import refuse_other_layout
 from pa10cal.evaluation.what_moved import what_moved
 from pa10cal.fit.fitted import FLANGE, TOOL_FRAME, Fitted, predicting_model
@@ -297,13 +297,13 @@ def _compared_frame(
         chances = chance_m, chance_rad
         chance = min(1.0, len(chances) * min(chances))  # Bonferroni
     return results.ComparedFrame(
-        rms_mm=_rms(apart_mm),
+        rms_mm=rms(apart_mm),
         peak_mm=float(apart_mm.max()),
-        orientation_deg=_rms(apart_deg),
-        base_and_tool_mm=_rms(explained_mm),
-        remaining_rms_mm=_rms(remaining_mm),
+        orientation_deg=rms(apart_deg),
+        base_and_tool_mm=rms(explained_mm),
+        remaining_rms_mm=rms(remaining_mm),
         remaining_peak_mm=float(remaining_mm.max()),
-        remaining_deg=_rms(remaining_deg),
+        remaining_deg=rms(remaining_deg),
         expected_mm=expected_mm,
         expected_deg=expected_deg,
         chance=chance,
@@ -315,10 +315,6 @@ def _apart(T: Array, T_other: Array) -> tuple[Array, Array]:
     turn = Rotation.from_matrix(np.swapaxes(T[:, :3, :3], 1, 2) @ T_other[:, :3, :3])
     distance = np.linalg.norm(T[:, :3, 3] - T_other[:, :3, 3], axis=1)
     return 1e3 * distance, np.degrees(turn.magnitude())
-
-
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(values**2)))
 
 
 def _moved_onto(T: Array, T_wanted: Array) -> Array:

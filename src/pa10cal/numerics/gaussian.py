@@ -342,6 +342,23 @@ class Gaussians:
         return np.asarray(-0.5 * (rows * np.log(share) + self.log_precision)), share
 
 
+def cv_residual(data: Array, columns: Array, fold: Index) -> Array:
+    """Return the residuals (R,) of white rows, those of each fold predicted from all other folds.
+
+    Args:
+        data: (R,) y.
+        columns: (R, k) A.
+        fold: (R,) number of the fold of each row.
+    """
+    residual = np.empty(len(data))
+    folds = [np.flatnonzero(fold == number) for number in np.unique(fold)]
+    models = [Gaussian.of(columns[rows], data[rows]) for rows in folds]
+    whole = sum(models, Gaussian.none(columns.shape[1]))
+    for rows, held_out in zip(folds, models, strict=True):
+        residual[rows] = data[rows] - columns[rows] @ (whole - held_out).mean
+    return residual
+
+
 def _factor(gram: Array) -> Array:
     """Return the lower factor L of G + I, (k, k).
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_solve_banded, cholesky_banded, qr
 from scipy.linalg.lapack import dposv
 
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, Index
 
 Point = TypeVar("Point")
 
@@ -319,6 +319,23 @@ def split_identified(by_these: Array, by_others: Array) -> Split:
     steps = np.asarray(directions / size[:, None], dtype=float)
     identified = squares > NOT_REPRODUCED**2
     return Split(steps[:, identified], _along_single_unknowns(steps[:, ~identified]))
+
+
+def cluster_covariance(inverse: Array, scores: Array, cluster: Index) -> Array:
+    """Return the covariance (k, k) of least squares whose errors correlate within clusters.
+
+    That of Liang and Zeger (Biometrika 73, 1986), times G / (G - 1) for few clusters G.
+
+    Args:
+        inverse: (k, k) of the normal equations.
+        scores: (N, k) each row of the design matrix times its residual.
+        cluster: (N,) number of the cluster of each row, from 0.
+    """
+    count = int(cluster.max()) + 1
+    sums = np.zeros((count, scores.shape[1]))
+    np.add.at(sums, cluster, scores)
+    half = inverse @ sums.T
+    return np.asarray(half @ half.T * count / max(count - 1, 1))
 
 
 def axis_text(vector: Array) -> str:

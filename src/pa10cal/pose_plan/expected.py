@@ -15,7 +15,7 @@ from pa10cal.arm.statics import Payload, PoseStates
 from pa10cal.arrays import Array
 from pa10cal.calibration.general.problem import GeneralProblem, general_problem
 from pa10cal.calibration.options import CalibrationOptions
-from pa10cal.discovery.linear import by_effects
+from pa10cal.discovery.jacobians import by_scaled_effects
 from pa10cal.discovery.preparation import MeasurementSetup, complete, context_of, why_unknown
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.problem import possible_sizes
@@ -173,7 +173,7 @@ def _effect_rows(
         if why_unknown(effect, poses.states, logged=False, weights=payload is not None):
             continue
         shapes = [np.array(start) for start in effect.starts]
-        by_shape = by_effects(nominal, poses, [effect] * len(shapes), shapes)
+        by_shape = by_scaled_effects(nominal, poses, [effect] * len(shapes), shapes)
         rows[effect] = np.concatenate(by_shape, axis=2) / np.sqrt(len(shapes))
     return rows
 

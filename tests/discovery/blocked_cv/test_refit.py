@@ -9,7 +9,8 @@ from made_up_survey import Hidden, at_joint, observe
 from pa10cal.discovery.blocked_cv.other_baselines import with_tilts_shown
 from pa10cal.discovery.blocked_cv.refit import PartialFits, determined_count, refit
 from pa10cal.discovery.given import calibrate_with_effects
-from pa10cal.discovery.linear import at_unknowns, moved_base, residual
+from pa10cal.discovery.jacobians import residual
+from pa10cal.discovery.model_with_effects import moved_base, with_unknowns
 from pa10cal.discovery.pose_scatter import unweighted
 from pa10cal.options import Tolerances
 from pa10cal.terms.effects.joint import EncoderEccentricity, JointCompliance, SoftWindup
@@ -54,7 +55,7 @@ def test_nothing_near_fits_better(hidden, found):
     whiten = found.weights.whiteners(np.arange(len(survey.poses)))
 
     def cost(x):
-        left = residual(at_unknowns(found.at, x), survey.poses)
+        left = residual(with_unknowns(found.at, x), survey.poses)
         return float(np.sum((whiten @ left[:, :, None]) ** 2))
 
     here = cost(found.x)
@@ -75,8 +76,8 @@ def test_a_model_with_some_effects_has_all_but_maps_fitted_again(hidden, found):
     taken_out[found.columns_of(DISK)] = 0.0
     alone = partial.model_with((FINE,))
     assert np.all(alone.values_of(DISK) == 0.0)
-    assert rms_m(found.fitted()) < rms_m(alone) < 0.9 * rms_m(at_unknowns(found.at, taken_out))
-    assert np.array_equal(alone.values_of(FINE), found.of(FINE))
+    assert rms_m(found.fitted()) < rms_m(alone) < 0.9 * rms_m(with_unknowns(found.at, taken_out))
+    assert np.array_equal(alone.values_of(FINE), found.at.values_of(FINE))
 
 
 def test_a_parameter_stays_within_its_physical_range(hidden):

@@ -20,7 +20,8 @@ from pa10cal.discovery.blocked_cv.normal_equations import (
 )
 from pa10cal.discovery.blocked_cv.search import Search
 from pa10cal.discovery.blocked_cv.survey import Survey, consecutive_blocks
-from pa10cal.discovery.linear import by_joints, by_terms, residual, with_base_term
+from pa10cal.discovery.jacobians import by_joints, by_terms, residual
+from pa10cal.discovery.model_with_effects import with_base_motion
 from pa10cal.discovery.pose_scatter import unweighted
 from pa10cal.discovery.preparation import Prepared
 from pa10cal.discovery.rules import BLOCKS
@@ -48,7 +49,7 @@ def rows(few):
 
 def test_left_follows_parameters_as_differences_show(few):
     effect = JointErrorMap("joint 3", 24, FadingPrior(1e-4, 4.0))
-    model = with_base_term(few.baseline, (effect,))
+    model = with_base_motion(few.baseline, (effect,))
     x = np.concatenate([few.baseline.x, np.linspace(-1e-4, 1e-4, 24), np.full(6, 1e-4)])
     at = FittedModel(model, x, few.baseline.T_instr_base)
     stops = np.cumsum([0, *(len(term.parameters) for term in model.terms)])
@@ -66,7 +67,7 @@ def test_left_follows_parameters_as_differences_show(few):
 def test_sparse_columns_of_a_map_are_those_of_the_term(few):
     effect = JointErrorMap("joint 4", 36)
     at = FittedModel(
-        with_base_term(few.baseline),
+        with_base_motion(few.baseline),
         np.append(few.baseline.x, np.zeros(6)),
         few.baseline.T_instr_base,
     )

@@ -58,7 +58,7 @@ def test_a_slow_drift_is_found_with_its_course(drifted):
     assert finding.proof.rms_with_mm < finding.proof.rms_without_mm
     states = drifted.scorer.survey.poses.states
     part = (states.time_s - states.time_s[0]) / np.ptp(states.time_s)
-    moved_m = finding.effect.shift(states, drifted.extended.of(finding.effect))
+    moved_m = finding.effect.shift(states, drifted.extended.at.values_of(finding.effect))
     up_m = moved_m @ drifted.baseline.T_instr_base[2, :3]
     expected_m = 2.0 * POSITION_M * course(part)
     off_m = up_m - up_m.mean() - expected_m + expected_m.mean()
@@ -68,7 +68,7 @@ def test_a_slow_drift_is_found_with_its_course(drifted):
 @pytest.mark.slow
 def test_it_is_held_where_nothing_is_known_of_it(drifted):
     (finding,) = drifted.effects
-    states, x = drifted.scorer.survey.poses.states, drifted.extended.of(finding.effect)
+    states, x = drifted.scorer.survey.poses.states, drifted.extended.at.values_of(finding.effect)
     ends = finding.effect.shift(states, x)[[0, -1]]
     beyond = replace(states.take(np.array([0, -1])), time_s=np.array([-1e6, 1e6]))
     np.testing.assert_allclose(finding.effect.shift(beyond, x), ends, atol=1e-12)

@@ -12,7 +12,8 @@ from pa10cal.discovery.evidence.candidates import indistinguishable, linearise, 
 from pa10cal.discovery.evidence.fit import fit
 from pa10cal.discovery.evidence.noise_model import NO_SHARED_ERROR
 from pa10cal.discovery.evidence.problem import prepare
-from pa10cal.discovery.linear import at_unknowns, residual, with_base_term
+from pa10cal.discovery.jacobians import residual
+from pa10cal.discovery.model_with_effects import with_base_motion, with_unknowns
 from pa10cal.discovery.rules import CANDIDATES
 from pa10cal.observe.kinds import instruments
 from pa10cal.terms.effects.effect import JointEffect
@@ -67,8 +68,8 @@ class OfMotion(MadeUp):
 
 def without_effects(measured, found):
     """Return a fit as found, with its effects taken out and all else as it is."""
-    x = found.x[found.own_columns()]
-    model = with_base_term(measured.baseline)
+    x = found.x[found.baseline_columns()]
+    model = with_base_motion(measured.baseline)
     return replace(found, effects=(), sizes=(), at=replace(found.at, model=model, x=x))
 
 
@@ -82,13 +83,13 @@ class TestLinearise:
         first, last = found.columns_of(effects[0]).start, found.columns_of(effects[-1]).stop
         x = found.x.copy()
         x[first:last] = factor * np.array([2e-4, -1e-4, 1.5])
-        found = replace(found, at=at_unknowns(found.at, x))
+        found = replace(found, at=with_unknowns(found.at, x))
         back = linearise(null.problem, found, effects)
         without = linearise(null.problem, without_effects(null, found), effects)
         # Exactly linear torques; poses to second order in the size of the effects.
         np.testing.assert_allclose(back.torque_data, without.torque_data, atol=1e-9)
         moved = sum(
-            block.pose @ found.of(effect)
+            block.pose @ found.at.values_of(effect)
             for block, effect in zip(back.blocks, effects, strict=True)
         )
         left = back.pose_data - without.pose_data
@@ -107,7 +108,7 @@ class TestLinearise:
         there[first:last] = x
         rows = [
             null.problem.pose.rows(
-                residual(at_unknowns(with_it.at, at), null.problem.cells)[:, :, None]
+                residual(with_unknowns(with_it.at, at), null.problem.cells)[:, :, None]
             )[:, 0]
             for at in (there, absent)
         ]

@@ -16,7 +16,8 @@ from pa10cal.discovery.evidence.fit import (
     torque_rows,
 )
 from pa10cal.discovery.evidence.noise_model import NO_SHARED_ERROR
-from pa10cal.discovery.linear import at_unknowns, possible_sizes, with_base_term
+from pa10cal.discovery.model_with_effects import with_base_motion, with_unknowns
+from pa10cal.fit.problem import possible_sizes
 
 #: What moves poses, what shows in torques by way of a spring, what the joint carries, what bends
 #: with a shape of its own, what yields, what the instrument reads falsely.
@@ -41,8 +42,8 @@ def some_amount(effect):
 def fit_at(measured, effects, amounts):
     """Return a fit as if it had ended with these amounts, its own parameters as in the start."""
     start = measured.start
-    own = start.x[start.own_columns()]
-    model = with_base_term(measured.baseline, effects)
+    own = start.x[start.baseline_columns()]
+    model = with_base_motion(measured.baseline, effects)
     x = np.concatenate([own[:-6], *amounts, own[-6:]])
     at, sizes = replace(start.at, model=model, x=x), (1,) * len(effects)
     return EvidenceFit(effects, at, True, sizes, NO_SHARED_ERROR)
@@ -56,7 +57,7 @@ def test_rows_have_the_derivative_that_differences_show(null, names):
     model, x = there.model, there.x
 
     def rows(x):
-        at = at_unknowns(there.at, x)
+        at = with_unknowns(there.at, x)
         pose = pose_rows(null.problem, at)
         return np.concatenate([pose, torque_rows(null.problem, at)], axis=1)
 
@@ -79,16 +80,16 @@ def test_columns_of_effects_and_of_the_model_are_all_there_are(null):
     there = fit_at(null, effects, amounts)
     every = np.arange(len(there.x))
     of_effects = np.concatenate([every[there.columns_of(effect)] for effect in effects])
-    every = np.sort(np.concatenate([of_effects, there.own_columns()]))
+    every = np.sort(np.concatenate([of_effects, there.baseline_columns()]))
     np.testing.assert_array_equal(every, np.arange(len(there.x)))
     names = [parameter.name for parameter in there.model.parameters]
     for effect, amount in zip(effects, amounts, strict=True):
-        np.testing.assert_array_equal(there.of(effect), amount)
+        np.testing.assert_array_equal(there.at.values_of(effect), amount)
         assert names[there.columns_of(effect)] == [
             parameter.name for parameter in effect.parameters
         ]
     own = null.start
-    np.testing.assert_array_equal(there.x[there.own_columns()], own.x[own.own_columns()])
+    np.testing.assert_array_equal(there.x[there.baseline_columns()], own.x[own.baseline_columns()])
 
 
 def test_a_fit_comes_to_rest_where_nothing_leads_down(wave):
@@ -98,7 +99,7 @@ def test_a_fit_comes_to_rest_where_nothing_leads_down(wave):
 
     def cost(x):
         rows = wave.problem.pose.whitening(0.0)(
-            wave.problem.pose.rows(pose_rows(wave.problem, at_unknowns(found.at, x)))
+            wave.problem.pose.rows(pose_rows(wave.problem, with_unknowns(found.at, x)))
         )[:, 0]
         expected = x / possible_sizes(found.model)
         at = found.columns_of(effect)
@@ -125,7 +126,7 @@ def test_an_effect_that_shapes_itself_is_fitted_from_its_best_start(tau0_Nm):
 
     made = measure(Missing(turn=turn))
     found = fit(made.problem, (made.effect("soft_windup", "joint 5"),), (1,), NO_SHARED_ERROR)
-    amount, tau0 = found.of(found.effects[0])
+    amount, tau0 = found.at.values_of(found.effects[0])
     assert amount == pytest.approx(6e-4, rel=0.02)
     assert tau0 == pytest.approx(tau0_Nm, rel=0.05)
 
@@ -140,7 +141,7 @@ def test_expected_sizes_hold_back_what_the_data_do_not_tell(null):
     plausible = np.diag(effect.prior_factor)
     assert (std[0] < 0.1 * plausible).all()
     assert (std[1] > std[0]).all()
-    assert np.linalg.norm(tight.of(effect)) < np.linalg.norm(wide.of(effect))
+    assert np.linalg.norm(tight.at.values_of(effect)) < np.linalg.norm(wide.at.values_of(effect))
 
 
 #: The targets are turned about the end-effector's y axis and shifted along it, against what is

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from made_up_arm import ERROR_RATE, Missing, forced, harmonic, measure
-from pa10cal.discovery.evidence.judge import floor_mm, judge, mean_length, shared_error_mm
+from pa10cal.discovery.evidence.judge import floor_mm, judge, shared_error_mm
 from pa10cal.discovery.evidence.search import search
+from pa10cal.discovery.position_errors import mean_norm
 from pa10cal.discovery.verdict import word_of
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
 
@@ -81,16 +82,16 @@ class TestFloor:
     def test_the_mean_length_of_alike_components(self, sigma):
         covariance = np.tile(sigma**2 * np.eye(3), (2, 1, 1))
         expected = sigma * np.sqrt(8.0 / np.pi)
-        np.testing.assert_allclose(mean_length(covariance), expected, rtol=0.02)
+        np.testing.assert_allclose(mean_norm(covariance), expected, rtol=0.02)
 
     def test_the_mean_length_along_one_line(self):
         direction = np.array([0.6, 0.0, 0.8])
         covariance = 4.0 * np.outer(direction, direction)[None]
-        assert mean_length(covariance)[0] == pytest.approx(2.0 * np.sqrt(2.0 / np.pi), rel=0.04)
+        assert mean_norm(covariance)[0] == pytest.approx(2.0 * np.sqrt(2.0 / np.pi), rel=0.04)
 
     def test_is_the_noise_of_poses_averaged_over_repeats_and_directions(self, null):
         # Four readings of a pose and load.
-        expected = 1e3 * mean_length(null.problem.noise.cov[:, :3, :3] / 4.0).mean()
+        expected = 1e3 * mean_norm(null.problem.noise.cov[:, :3, :3] / 4.0).mean()
         assert floor_mm(null.problem) == pytest.approx(expected, rel=1e-6)
 
     def test_a_shared_variance_is_told_in_millimetres(self, null):

@@ -11,7 +11,7 @@ from pa10cal.discovery.evidence.fit import fit
 from pa10cal.discovery.evidence.noise_model import NO_SHARED_ERROR
 from pa10cal.discovery.evidence.search import evidence_about, less, refit, search
 from pa10cal.discovery.finding import threshold
-from pa10cal.discovery.linear import residual
+from pa10cal.discovery.jacobians import residual
 from pa10cal.terms.effects.effect import JointEffect
 from pa10cal.terms.term import TermParameter
 
@@ -107,7 +107,7 @@ def test_noise_is_worked_out_about_the_better_model(rubbing):
     friction = rubbing.effect("friction_torque", "joint 3")
     problem, found = refit(rubbing.problem, (friction,), (1,), NO_SHARED_ERROR, rubbing.start)
     assert problem.readings is not None
-    assert found.of(friction) == pytest.approx([3.0], rel=0.01)
+    assert found.at.values_of(friction) == pytest.approx([3.0], rel=0.01)
     # Friction of either sign in the torque of a spring is no scatter of repeats.
     np.testing.assert_allclose(problem.noise.torque_Nm, 0.05, rtol=0.25)
     again = fit(problem, (friction,), (1,), NO_SHARED_ERROR, found)

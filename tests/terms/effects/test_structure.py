@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.statics import ObservedTargets
-from pa10cal.discovery.linear import by_terms, residual_and_jacobian
+from pa10cal.discovery.jacobians import by_terms, residual_and_jacobian
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.frame.point_fits import fit_rigid
 from pa10cal.observe.points import Points

@@ -14,7 +14,7 @@ from operator import add
 
 import numpy as np
 
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, standard_error_of_sum
 from pa10cal.discovery.blocked_cv.band_likelihood import BandEstimates, Waves, most_likely
 from pa10cal.discovery.blocked_cv.block_rows import BlockedRows, ShapedEffect
 from pa10cal.discovery.blocked_cv.linear_fit import (
@@ -25,7 +25,6 @@ from pa10cal.discovery.blocked_cv.linear_fit import (
     with_form,
 )
 from pa10cal.discovery.blocked_cv.normal_equations import ByKind, in_map_bases, summed
-from pa10cal.discovery.linear import standard_error
 from pa10cal.discovery.pose_scatter import Widening
 from pa10cal.discovery.rules import BLOCKS, MAPS
 from pa10cal.discovery.tuning import COMPUTING
@@ -178,7 +177,7 @@ def _no_worse(of_time: Array, of_angles: Array) -> bool:
     By the logarithms of their squares, so that each stretch counts alike.
     """
     gains = [np.log(squares[:, 0] / squares[:, 1]) for squares in (of_time, of_angles)]
-    return all(float(gain.sum()) >= -standard_error(gain) for gain in gains)
+    return all(float(gain.sum()) >= -standard_error_of_sum(gain) for gain in gains)
 
 
 class _WaveColumns:

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from pa10cal.arrays import Array, Index, Mask
-from pa10cal.discovery import linear
+from pa10cal.discovery import jacobians
 from pa10cal.discovery.blocked_cv.normal_equations import (
     BlockEquations,
     ByKind,
@@ -24,6 +24,7 @@ from pa10cal.discovery.blocked_cv.normal_equations import (
     solve,
 )
 from pa10cal.discovery.blocked_cv.survey import Survey
+from pa10cal.discovery.model_with_effects import all_unknowns, with_base_motion
 from pa10cal.discovery.noise import Noise
 from pa10cal.discovery.pose_scatter import PoseWeights, pose_weights, unweighted
 from pa10cal.discovery.rules import BLOCKS, MAPS
@@ -90,7 +91,7 @@ class BlockedRows:
         """Return the survey's baseline with small motions of the base as parameters, at zero."""
         baseline = self.survey.baseline
         x = np.concatenate([baseline.x, np.zeros(6)])
-        return replace(baseline, model=linear.with_base_term(baseline), x=x)
+        return replace(baseline, model=with_base_motion(baseline), x=x)
 
     @cached_property
     def joints(self) -> tuple[int, ...]:
@@ -105,7 +106,7 @@ class BlockedRows:
     @property
     def baseline_columns(self) -> Index:
         """Return the columns of the model's parameters, of targets and of nuisances."""
-        return np.arange(len(linear.unknowns(self.operating_point)) + self.survey.nuisance_count)
+        return np.arange(len(all_unknowns(self.operating_point)) + self.survey.nuisance_count)
 
     @property
     def dense_count(self) -> int:
@@ -237,20 +238,20 @@ class BlockedRows:
         terms: list[Term] = [*model.terms, *(shaped.effect for shaped in self.shaped)]
         points = [at.x[model.columns_of(term)] for term in model.terms]
         points += [shaped.start for shaped in self.shaped]
-        joints = linear.positions_of(at, self.joints)
-        *derivatives, by_angle = linear.by_terms(
+        joints = jacobians.joint_positions(at, self.joints)
+        *derivatives, by_angle = jacobians.by_terms(
             at, poses, [*terms, joints], [*points, np.zeros(len(self.joints))], whiten
         )
         of_model, of_effects = derivatives[: len(model.terms)], derivatives[len(model.terms) :]
         sizes = possible_sizes(model, poses.measured)
         columns = [np.concatenate(of_model, axis=2) * sizes[: len(at.x)]]
-        columns.append(whiten @ (linear.by_targets(at, poses) * sizes[len(at.x) :]))
+        columns.append(whiten @ (jacobians.by_targets(at, poses) * sizes[len(at.x) :]))
         columns += [whiten @ each.columns(at, poses) for each in self.survey.nuisances]
         for shaped, derivative in zip(self.shaped, of_effects, strict=True):
             columns.append(derivative[:, :, : shaped.effect.linear] @ shaped.effect.prior_factor)
         dense = np.concatenate(columns, axis=2)
         q_rad = poses.states.q_rad[:, [joint - 1 for joint in self.joints]]
-        data = -whiten @ linear.residual(at, poses)[:, :, None]
+        data = -whiten @ jacobians.residual(at, poses)[:, :, None]
         return BlockDesign(data.ravel(), dense.reshape(-1, dense.shape[2]), by_angle, q_rad)
 
     def block_residual(self, block: int, x: Array) -> Array:
@@ -285,7 +286,7 @@ def weighted_rows(survey: Survey, shaped: tuple[ShapedEffect, ...], knots: int) 
     named = tuple(each for each in shaped if not (each.effect.generic or each.shape))
     rows = BlockedRows(survey, unweighted(measured), named, MAPS.weighing_knots)
     weights = pose_weights(
-        linear.residual(rows.operating_point, survey.poses),
+        jacobians.residual(rows.operating_point, survey.poses),
         float(len(rows.baseline_columns)),
         measured,
     )

@@ -15,7 +15,7 @@ import numpy as np
 from typing_extensions import override
 
 from pa10cal.arrays import Array, Index, drawn
-from pa10cal.discovery import linear
+from pa10cal.discovery import jacobians
 from pa10cal.discovery.blocked_cv import judge
 from pa10cal.discovery.blocked_cv.bands import InBands
 from pa10cal.discovery.blocked_cv.by_campaign import by_campaign
@@ -39,6 +39,7 @@ from pa10cal.discovery.next_poses import (
 from pa10cal.discovery.noise import Noise
 from pa10cal.discovery.nuisances import motion_unexplained, steps_in_time
 from pa10cal.discovery.pose_scatter import AS_FOUND, PoseDeviations, scatter_of, share_inside
+from pa10cal.discovery.position_errors import mean_noise_error_mm
 from pa10cal.discovery.preparation import Prepared, complete
 from pa10cal.discovery.refitted_verdict import with_findings
 from pa10cal.discovery.rules import BLOCKS, NAMES, PROBABILITIES
@@ -90,7 +91,7 @@ class ByBlocks(Scorer):
     def nuisances(self) -> Array:
         survey, at = self.survey, self.extended.at
         columns = [each.columns(survey.baseline, survey.poses) for each in survey.nuisances]
-        shift = survey.net_residual(at) - linear.residual(at, survey.poses)
+        shift = survey.net_residual(at) - jacobians.residual(at, survey.poses)
         return np.concatenate([*columns, shift[:, :, None]], axis=2)
 
     @cached_property
@@ -113,7 +114,7 @@ class ByBlocks(Scorer):
     def refitted(self, effects: tuple[Effect, ...], known: Sequence[Finding]) -> ByBlocks:
         before = self.extended
         starts = tuple(
-            before.of(effect) if effect in before.effects else effect.starts[0]
+            before.at.values_of(effect) if effect in before.effects else effect.starts[0]
             for effect in effects
         )
         widening = AS_FOUND if self.bands is None else self.bands.widening
@@ -285,7 +286,7 @@ class _FitRows:
 
     def by_own_terms(self, terms: Sequence[Term]) -> list[Array]:
         """Return the columns (R, k) of terms of the fit, in their possible sizes."""
-        columns = linear.by_own_terms(self._at, self.poses, terms, self._whiteners)
+        columns = jacobians.by_scaled_terms(self._at, self.poses, terms, self._whiteners)
         return list(map(self._of, columns))
 
     def by_effects(self, effects: Sequence[Effect]) -> list[Array]:
@@ -293,13 +294,13 @@ class _FitRows:
         at = self._at
         values = {term: at.values_of(term) for term in at.model.terms}
         points = [values.get(effect, effect.starts[0]) for effect in effects]
-        columns = linear.by_effects(at, self.poses, effects, points, self._whiteners)
+        columns = jacobians.by_scaled_effects(at, self.poses, effects, points, self._whiteners)
         return list(map(self._of, columns))
 
     def by_targets(self) -> Array:
         """Return the columns (R, t) of the coordinates of targets, in their possible sizes."""
         sizes = possible_sizes(self._at.model, self.poses.measured)[len(self._at.x) :]
-        return self._of(self._whiteners @ linear.by_targets(self._at, self.poses) * sizes)
+        return self._of(self._whiteners @ jacobians.by_targets(self._at, self.poses) * sizes)
 
     def _of(self, columns: Array) -> Array:
         """Return columns (P, b, k) as rows (R, k)."""
@@ -366,7 +367,7 @@ def _verdict(campaign: Prepared, searched: SearchWithMotion) -> Verdict[ByBlocks
     found = searched.outcome
     survey, extended, poses = found.survey, found.extended, found.survey.poses
     noise = survey.noise_about(extended.fitted())
-    floor_mm = linear.mean_error_of_noise_mm(poses.measured, noise.cov)
+    floor_mm = mean_noise_error_mm(poses.measured, noise.cov)
     remaining = judge.remaining_error(
         survey.block,
         found.errors_mm,
@@ -430,7 +431,7 @@ def _with_rivals(found: Verdict[ByBlocks], nameless: tuple[Effect, ...]) -> Verd
         return found
     extended, survey = found.scorer.extended, found.scorer.survey
     effects = (*extended.effects, *nameless)
-    starts = (*map(extended.of, extended.effects), *(each.starts[0] for each in nameless))
+    starts = (*map(extended.at.values_of, extended.effects), *(each.starts[0] for each in nameless))
     model = refit(survey, effects, starts, extended.weights, start_from=extended.at).fitted()
 
     def with_remaining(gap: PairedErrors) -> PairedErrors:

@@ -14,8 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pa10cal.arrays import Array, Mask
-from pa10cal.discovery import linear
+from pa10cal.arrays import Array, Mask, rms
 from pa10cal.discovery.blocked_cv.refit import Refit, one_step
 from pa10cal.discovery.blocked_cv.survey import Survey
 from pa10cal.discovery.rules import MAPS
@@ -153,9 +152,9 @@ def pair_of(
         correlation95=(float(np.tanh(z_low)), float(np.tanh(z_high))),
         slope=slope,
         slope95=(low, high),
-        first_rms_mrad=linear.rms(x),
-        second_rms_mrad=linear.rms(y),
-        difference_rms_mrad=linear.rms(x - y),
+        first_rms_mrad=rms(x),
+        second_rms_mrad=rms(y),
+        difference_rms_mrad=rms(x - y),
     )
 
 

@@ -16,10 +16,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from pa10cal.arrays import Array, Index
+from pa10cal.arrays import Array, Index, standard_error_of_sum
 from pa10cal.discovery.blocked_cv.block_rows import ShapedEffect
 from pa10cal.discovery.blocked_cv.normal_equations import BlockEquations, inverse_of, solve_each
-from pa10cal.discovery.linear import standard_error
 from pa10cal.discovery.rules import BLOCKS
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.terms.effects.effect import Effect
@@ -266,19 +265,19 @@ def start(equations: BlockEquations, baseline: Columns) -> EffectSet:
 def as_good(squares: Array, than: Array) -> bool:
     """Return whether sums of squares are no larger than others, to within a standard error."""
     loss = squares - than
-    return bool(loss.sum() <= standard_error(loss))
+    return bool(loss.sum() <= standard_error_of_sum(loss))
 
 
 def surely_helps(gain: Array, least_gain: float, least: float = 0.0) -> bool:
     """Return whether the total gain exceeds two limits and is significant over the blocks."""
     total = float(gain.sum())
-    by_chance = BLOCKS.standard_errors * standard_error(gain)
+    by_chance = BLOCKS.standard_errors * standard_error_of_sum(gain)
     return total > max(least_gain, least) and total > by_chance
 
 
 def surely_worse(gain: Array) -> bool:
     """Return whether the total gain is significantly negative over the blocks."""
-    return float(gain.sum()) < -BLOCKS.worse_errors * standard_error(gain)
+    return float(gain.sum()) < -BLOCKS.worse_errors * standard_error_of_sum(gain)
 
 
 def within_bounds(chosen: EffectSet) -> bool:

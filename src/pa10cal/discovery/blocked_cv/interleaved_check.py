@@ -13,14 +13,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pa10cal.arrays import Array
-from pa10cal.discovery import linear
+from pa10cal.arrays import Array, rms
+from pa10cal.discovery import jacobians
 from pa10cal.discovery.blocked_cv.effect_set import as_good, surely_helps, surely_worse
 from pa10cal.discovery.blocked_cv.judge import BlockPrediction, Judged, prediction
 from pa10cal.discovery.blocked_cv.refit import Refit
 from pa10cal.discovery.blocked_cv.survey import Survey, interleaved_blocks
+from pa10cal.discovery.position_errors import position_error_mm
 from pa10cal.discovery.preparation import computable, sought
 from pa10cal.discovery.rules import BLOCKS
+from pa10cal.numerics.gaussian import cv_residual
 from pa10cal.observe.time_order import like_a_scan
 from pa10cal.results.record import EffectName
 from pa10cal.terms.effects.arrivals import ArrivalError
@@ -60,7 +62,7 @@ class InterleavedCheck:
         self._whiteners = fit.weights.whiteners()
         self._measured_minus_predicted = -survey.net_residual(fit.at)
         own = [each for each in fit.model.terms if not isinstance(each, JointErrorMap | BaseDrift)]
-        self._own_columns = linear.by_own_terms(fit.at, survey.poses, own, self._whiteners)
+        self._own_columns = jacobians.by_scaled_terms(fit.at, survey.poses, own, self._whiteners)
 
     def squares(self, effects: Sequence[Effect] = (), *, lag: bool = True) -> SquaresByBlock:
         """Return the squares of left-out poses with effects added to the model.
@@ -77,13 +79,13 @@ class InterleavedCheck:
         ]
         solved = np.linalg.solve(self._whiteners, white[:, :, None])
         unwhitened = np.asarray(solved, np.float64)[:, :, 0]
-        return SquaresByBlock(np.stack(by_kind), linear.rms(linear.error_mm(measured, unwhitened)))
+        return SquaresByBlock(np.stack(by_kind), rms(position_error_mm(measured, unwhitened)))
 
     def _left_out_residuals(self, effects: Sequence[Effect], *, lag: bool) -> Array:
         """Return the whitened residuals (P, b) of poses that are left out of the fit."""
         data, poses, of_lag = self._measured_minus_predicted, self._survey.poses, self._survey.lag
         at, starts = self._operating_point, [effect.starts[0] for effect in effects]
-        added = linear.by_effects(at, poses, effects, starts, self._whiteners)
+        added = jacobians.by_scaled_effects(at, poses, effects, starts, self._whiteners)
         # A lag is fitted again in each fold; without one, what the survey subtracted is put back.
         if of_lag is not None and lag:
             added.append(self._whiteners @ of_lag.columns(at, poses))
@@ -92,7 +94,7 @@ class InterleavedCheck:
         columns = np.concatenate([*self._own_columns, *added], axis=2).reshape(data.size, -1)
         white_data = (self._whiteners @ data[:, :, None]).ravel()
         fold_of_row = np.repeat(self._fold, data.shape[1])
-        return linear.left_out(white_data, columns, fold_of_row).reshape(data.shape)
+        return cv_residual(white_data, columns, fold_of_row).reshape(data.shape)
 
     def gains_a_share(self, before: SquaresByBlock, after: SquaresByBlock) -> bool:
         """Return whether left-out poses are predicted enough better, as the search requires.

@@ -10,8 +10,7 @@ import numpy as np
 from pydantic import Field
 from typing_extensions import override
 
-from pa10cal.arrays import MEDIAN_TO_SIGMA, Array, Index
-from pa10cal.discovery import linear
+from pa10cal.arrays import MEDIAN_TO_SIGMA, Array, Index, rms, standard_error_of_sum
 from pa10cal.discovery.blocked_cv.block_rows import BlockedRows
 from pa10cal.discovery.blocked_cv.effect_set import (
     Candidate,
@@ -22,6 +21,7 @@ from pa10cal.discovery.blocked_cv.effect_set import (
 )
 from pa10cal.discovery.blocked_cv.search import Search
 from pa10cal.discovery.finding import Proof, Rival, UnknownBeside, carrier_of, over_left
+from pa10cal.discovery.position_errors import position_error_mm
 from pa10cal.discovery.rules import BLOCKS, PROBABILITIES
 from pa10cal.discovery.verdict import smooth_unknown
 from pa10cal.results.discovery import (
@@ -87,7 +87,7 @@ def prediction(
         noise: sum of squares that noise alone leaves; None if not known.
         carrier: the pose without which the effect has little evidence.
     """
-    part, std = float(gain.sum()) / whole, linear.standard_error(gain) / whole
+    part, std = float(gain.sum()) / whole, standard_error_of_sum(gain) / whole
     return BlockPrediction(
         rms_without_mm=rms_mm[0],
         rms_with_mm=rms_mm[1],
@@ -147,7 +147,7 @@ def _held_out_errors(rows: BlockedRows, chosen: EffectSet) -> tuple[Array, Array
         here = np.flatnonzero(rows.survey.block == block)
         measured, residual = rows.survey.poses.measured.take(here), rows.block_residual(block, x)
         errors_mm[here] = np.stack(
-            [linear.error_mm(measured, each) for each in residual.T.swapaxes(1, 2)], axis=1
+            [position_error_mm(measured, each) for each in residual.T.swapaxes(1, 2)], axis=1
         )
         squares[here] = np.sum((rows.weights.whiteners(here) @ residual) ** 2, axis=1)
     return errors_mm, squares
@@ -170,7 +170,7 @@ def remaining_error(
     return Remaining(
         mean_mm=mean_mm,
         std_mm=float(means_mm.std(ddof=1) / np.sqrt(BLOCKS.blocks)),
-        rms_mm=linear.rms(errors_mm),
+        rms_mm=rms(errors_mm),
         floor_mm=floor_mm,
         expected_mm=expected_mm,
         over_floor=over_expected(means_mm, mean_mm, expected_mm),
@@ -263,7 +263,7 @@ def gains_of_others(search: Search, chosen: EffectSet) -> tuple[Tried, ...]:
             id=other.effect.id,
             of=other.effect.of,
             gain=float(gain.sum()) / whole,
-            gain_std=linear.standard_error(gain) / whole,
+            gain_std=standard_error_of_sum(gain) / whole,
             helps=helps,
             positions_and_attitudes_agree=ahead and both_kinds_agree(chosen, ahead),
             physical=ahead and within_bounds(ahead),

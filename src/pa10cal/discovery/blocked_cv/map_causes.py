@@ -15,7 +15,7 @@ import numpy as np
 from pa10cal.arrays import Array, Mask
 from pa10cal.discovery.blocked_cv.refit import Refit
 from pa10cal.discovery.blocked_cv.survey import Survey
-from pa10cal.discovery.linear import WhitenedPoses, by_every_joint
+from pa10cal.discovery.jacobians import WhitenedPoses, ideal_by_joints
 from pa10cal.discovery.motor_ripple import JointSeries, witnesses
 from pa10cal.discovery.rules import MAPS, RIPPLE
 from pa10cal.discovery.tuning import COMPUTING
@@ -65,7 +65,7 @@ def joint_series(rows: WhitenedPoses, joints: Sequence[int]) -> list[list[JointS
         joints: joints wanted, counted from 1.
     """
     at, poses, states, arm = rows.at, rows.poses, rows.poses.states, rows.at.arm
-    screws, seen = rows.whitener @ by_every_joint(at, poses), poses.measured.components_seen
+    screws, seen = rows.whitener @ ideal_by_joints(at, poses), poses.measured.components_seen
     score, weight = _scores(screws, rows.data, seen)
     error_rad = np.zeros_like(score)
     for term in at.model.terms:

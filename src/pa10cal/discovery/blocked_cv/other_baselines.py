@@ -14,9 +14,9 @@ import numpy as np
 
 from pa10cal.arrays import Array
 from pa10cal.calibration.general.calibrate import shown
-from pa10cal.discovery import linear
 from pa10cal.discovery.blocked_cv.refit import Refit, refit
 from pa10cal.discovery.blocked_cv.survey import Survey
+from pa10cal.discovery.model_with_effects import identified_geometry
 from pa10cal.discovery.pose_scatter import PoseWeights
 from pa10cal.discovery.preparation import Prepared
 from pa10cal.discovery.together import ScoredSet, Together
@@ -50,7 +50,7 @@ def with_tilts_shown(survey: Survey, found: Refit) -> FittedModel | None:
     links = next((term for term in baseline.model.terms if _is_of_links(term)), None)
     if links is None:
         return None
-    identified = linear.chosen_unknowns(baseline, measured).links
+    identified = identified_geometry(baseline, measured).links
     role_of = dict(
         zip((each.name for each in identified.parameters), identified.roles, strict=True)
     )
@@ -58,7 +58,7 @@ def with_tilts_shown(survey: Survey, found: Refit) -> FittedModel | None:
     if not tilts or role_of.keys() - {each.name for each in links.parameters} != tilts:
         return None
     tilted = _with_link_parameters(baseline, links, identified.only(tilts))
-    starts = tuple(map(found.of, found.effects))
+    starts = tuple(map(found.at.values_of, found.effects))
     fitted = refit(replace(survey, baseline=tilted), found.effects, starts, found.weights)
     at = [k for k, each in enumerate(tilted.model.parameters) if each.name in tilts]
     covariance = fitted.covariance[np.ix_(at, at)]

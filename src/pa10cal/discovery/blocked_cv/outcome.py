@@ -39,8 +39,8 @@ from pa10cal.discovery.blocked_cv.survey import Survey
 from pa10cal.discovery.changed import Change, change_of, rivals_of_steps
 from pa10cal.discovery.finding import Untestable
 from pa10cal.discovery.in_time import in_time_of
+from pa10cal.discovery.jacobians import WhitenedPoses
 from pa10cal.discovery.joint_steps import JointSteps, joint_steps_of
-from pa10cal.discovery.linear import WhitenedPoses
 from pa10cal.discovery.nuisances import NO_MOTION, TimeFindings
 from pa10cal.discovery.pose_scatter import AS_FOUND, PoseWeights, weights_with_joints
 from pa10cal.discovery.preparation import sought

@@ -15,7 +15,7 @@ from scipy.linalg import block_diag
 from scipy.linalg.lapack import dpotrf, dpotri
 
 from pa10cal.arrays import Array, Index, Mask
-from pa10cal.discovery import linear
+from pa10cal.discovery import jacobians
 from pa10cal.discovery.blocked_cv.normal_equations import (
     in_map_bases,
     map_columns,
@@ -23,6 +23,13 @@ from pa10cal.discovery.blocked_cv.normal_equations import (
     normal_equations_of,
 )
 from pa10cal.discovery.blocked_cv.survey import Survey
+from pa10cal.discovery.model_with_effects import (
+    ModelWithEffects,
+    bounds_of_unknowns,
+    identifiable_base_motions,
+    with_base_motion,
+    with_unknowns,
+)
 from pa10cal.discovery.pose_scatter import AS_FOUND, PoseWeights, Widening, pose_weights
 from pa10cal.discovery.rules import BLOCKS
 from pa10cal.discovery.tuning import COMPUTING
@@ -36,7 +43,7 @@ from pa10cal.terms.term import Term
 
 
 @dataclass(frozen=True, eq=False)
-class Refit(linear.ModelWithEffects):
+class Refit(ModelWithEffects):
     """The calibrated model with effects, all parameters fitted again."""
 
     covariance: Array  # (k, k) of all unknowns
@@ -110,11 +117,11 @@ class _Problem:
 
     def __init__(self, survey: Survey, effects: tuple[Effect, ...]) -> None:
         self._survey = survey
-        self._model = linear.with_base_term(survey.baseline, effects)
+        self._model = with_base_motion(survey.baseline, effects)
         self.measured, baseline = survey.poses.measured, survey.baseline
         self._base = slice(len(self._model.parameters) - 6, len(self._model.parameters))
         self._targets = slice(self._base.stop, self._base.stop + len(baseline.targets_m))
-        self.bounds = linear.bounds_about(baseline, self._model, self.measured)
+        self.bounds = bounds_of_unknowns(baseline, self._model, self.measured)
         self.prior = self._precision(effects)  # (k, k) inverse covariance
         self.expected = np.zeros(len(self.prior))  # (k,) mean
         self.expected[: len(baseline.x)] = baseline.x
@@ -154,11 +161,11 @@ class _Problem:
             By the unknowns of `dense` (P, b, d), and by the angle of each map's joint (P, b, m).
         """
         at, poses = self.model_at(x), self._survey.poses
-        joints = linear.positions_of(at, [each.joint for each in self._maps])
+        joints = jacobians.joint_positions(at, [each.joint for each in self._maps])
         terms: list[Term] = [*self._dense_terms, joints]
         points = [*map(at.values_of, self._dense_terms), np.zeros(len(self._maps))]
-        *of_terms, by_angle = linear.by_terms(at, poses, terms, points, whiteners)
-        of_targets = whiteners @ linear.by_targets(at, poses)
+        *of_terms, by_angle = jacobians.by_terms(at, poses, terms, points, whiteners)
+        of_targets = whiteners @ jacobians.by_targets(at, poses)
         return np.concatenate([*of_terms, of_targets], axis=2), by_angle
 
     def equations(self, x: Array, weights: PoseWeights) -> Equations:
@@ -191,7 +198,7 @@ class _Problem:
         stated.
         """
         free = ~self.bounds.held(x, equations.gradient)
-        free[self._base] &= linear.base_shown(self.measured)
+        free[self._base] &= identifiable_base_motions(self.measured)
         covariance = inverse_of_free(equations.normal, self.prior, free)
         prior_variances = 1.0 / np.diag(self.prior)[self._targets]
         while len(prior_variances):
@@ -319,7 +326,7 @@ class PartialFits:
             held=bounds.held,
             beyond=bounds.beyond,
         )
-        at = linear.at_unknowns(self._extended.at, with_fitted(found.at))
+        at = with_unknowns(self._extended.at, with_fitted(found.at))
         return replace(self._extended, at=at).fitted()
 
     def _amounts(self, effect: Effect) -> slice:

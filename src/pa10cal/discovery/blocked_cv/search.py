@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, standard_error_of_sum
 from pa10cal.discovery.blocked_cv.block_rows import ShapedEffect
 from pa10cal.discovery.blocked_cv.effect_set import (
     Candidate,
@@ -26,7 +26,6 @@ from pa10cal.discovery.blocked_cv.effect_set import (
 )
 from pa10cal.discovery.blocked_cv.normal_equations import BlockEquations
 from pa10cal.discovery.finding import threshold
-from pa10cal.discovery.linear import standard_error
 from pa10cal.discovery.rules import BLOCKS
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import is_error_map
@@ -92,7 +91,7 @@ class Search:
         if known and effect.goes_with_time:
             # A few poses show it, so that its gain scatters from block to block.
             gain = without - squares
-            return float(gain.sum()) > max(self.least_gain, standard_error(gain))
+            return float(gain.sum()) > max(self.least_gain, standard_error_of_sum(gain))
         of_set = known and (effect.bends or effect.yields)
         return self.helps(without, squares, 0.0 if of_set else BLOCKS.least_share)
 
@@ -209,7 +208,7 @@ class Search:
                 np.concatenate([name.sizes for name in names]),
             )
             loss = rest.squares_with_each([together])[0] - chosen.squares
-            if loss.sum() > BLOCKS.hopeless_errors * standard_error(loss):
+            if loss.sum() > BLOCKS.hopeless_errors * standard_error_of_sum(loss):
                 return None
         tried = rest
         for _ in range(BLOCKS.most_names):

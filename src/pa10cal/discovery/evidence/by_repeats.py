@@ -31,8 +31,8 @@ from pa10cal.discovery.finding import Finding, Untestable, threshold
 from pa10cal.discovery.gap import PairedErrors, errors_of, gap
 from pa10cal.discovery.gross_errors import moved_between_repeats
 from pa10cal.discovery.in_time import in_time_of
+from pa10cal.discovery.jacobians import WhitenedPoses, ideal_by_joints, residual
 from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit, pure_error_test
-from pa10cal.discovery.linear import WhitenedPoses, by_every_joint, residual
 from pa10cal.discovery.next_poses import separating_poses, unresolved_pairs
 from pa10cal.discovery.noise import same_circumstances, whitener_of
 from pa10cal.discovery.nuisances import NO_MOTION, motion_unexplained, steps_in_time
@@ -360,7 +360,7 @@ def evidence_lack_of_fit(problem: EvidenceProblem, found: EvidenceFit) -> LackOf
     cells, at = problem.cells, found.at
     of_poses, of_torques = channel_tests(problem, found)
     components = _net_residual(problem.pose, pose_rows(problem, at), of_poses.shared_variance)
-    residuals = CellResiduals(at, cells, components, problem.cell_cov, by_every_joint(at, cells))
+    residuals = CellResiduals(at, cells, components, problem.cell_cov, ideal_by_joints(at, cells))
     if problem.torque is not None and of_torques is not None:
         rows, variance = torque_rows(problem, at), of_torques.shared_variance
         torque_Nm = _net_residual(problem.torque, rows, variance)

@@ -18,7 +18,7 @@ from pa10cal.discovery.evidence.fit import EvidenceFit, pose_rows, torque_rows
 from pa10cal.discovery.evidence.likelihood import CandidateRows, LinearisedCandidates
 from pa10cal.discovery.evidence.problem import EvidenceProblem
 from pa10cal.discovery.finding import Untestable
-from pa10cal.discovery.linear import by_distortion, by_end, by_targets
+from pa10cal.discovery.jacobians import by_target_distortion, by_targets, ideal_by_end
 from pa10cal.discovery.preparation import computable, why_hidden
 from pa10cal.discovery.rules import EVIDENCE
 from pa10cal.discovery.tuning import COMPUTING
@@ -32,7 +32,7 @@ def linearise(
 ) -> LinearisedCandidates:
     """Linearise the model about a fit, by its own parameters and by candidates."""
     pose = problem.pose.rows(pose_rows(problem, found.at))
-    own_columns = found.own_columns()
+    own_columns = found.baseline_columns()
     possible = possible_sizes(found.model, problem.cells.measured)[own_columns]
     pose_data, by_x = -pose[:, 0], pose[:, 1:]
     torque_data, torque_by_x = np.zeros(0), np.zeros((0, len(found.x)))
@@ -46,7 +46,7 @@ def linearise(
         pose_data = pose_data + by_x[:, linear] @ found.x[linear]
         torque_data = torque_data + torque_by_x[:, linear] @ found.x[linear]
         # The prior of a shape is as wide as its value.
-        factor = np.diag(np.abs(found.of(effect)))
+        factor = np.diag(np.abs(found.at.values_of(effect)))
         factor[: effect.linear, : effect.linear] = effect.prior_factor
         blocks[effect] = CandidateRows(by_x[:, at], torque_by_x[:, at], factor)
     # The prior of the arm's weights is about those described, not about the fit.
@@ -87,11 +87,12 @@ def _poses_by_shapes(
     """Return the derivative of poses by the linear parameters of effects at shapes, (C, b, k)."""
     states, at = problem.cells.states, found.at
     T_base_ee, in_base = at.model.by_terms(states, at.x, *zip(*shapes, strict=True))
-    by_motion, of_targets = by_end(at, problem.cells, T_base_ee), by_targets(at, problem.cells)
+    by_motion = ideal_by_end(at, problem.cells, T_base_ee)
+    of_targets = by_targets(at, problem.cells)
     columns = []
     for (effect, start), motion in zip(shapes, in_base, strict=True):
         by_effect = by_motion @ motion[:, :, : effect.linear]
-        distorted = by_distortion(of_targets, problem.cells, effect, start)
+        distorted = by_target_distortion(of_targets, problem.cells, effect, start)
         columns.append(
             by_effect if distorted is None else by_effect + distorted[:, :, : effect.linear]
         )

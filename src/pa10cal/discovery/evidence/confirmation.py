@@ -22,9 +22,8 @@ from pa10cal.discovery.evidence.noise_model import NoiseModel, Whitening
 from pa10cal.discovery.evidence.problem import EvidenceProblem
 from pa10cal.discovery.evidence.search import EndOfSearch
 from pa10cal.discovery.finding import Proof, carrier_of
-from pa10cal.discovery.linear import left_out
 from pa10cal.discovery.rules import EVIDENCE
-from pa10cal.numerics.gaussian import Gaussian
+from pa10cal.numerics.gaussian import Gaussian, cv_residual
 from pa10cal.results.discovery import CrossValidation, EvidenceByRepeats
 from pa10cal.terms.effects.effect import Effect
 
@@ -141,7 +140,9 @@ def _whitened(
     own = both(lin.own, np.zeros((len(lin.torque_data), lin.own.shape[1])))
     # Uncertain weights of the arm count as an error common to all poses: as free parameters they
     # would follow more than their uncertainty allows.
-    uncertain = np.isin(found.fit.own_columns(), np.flatnonzero(found.fit.model.having("weight")))
+    uncertain = np.isin(
+        found.fit.baseline_columns(), np.flatnonzero(found.fit.model.having("weight"))
+    )
     whiten_weights = Whitening.of(np.ones(len(own)), own[:, uncertain])
 
     def of_effect(effect: Effect, size: float) -> Array:
@@ -214,8 +215,8 @@ def _cross_validation(
     """Return how well member k predicts each fold, all parameters being fitted to the others."""
     fold, pose = fold_of_cell[rows.cell], pose_of_cell[rows.cell]
     without = np.delete(rows.own, rows.members[k], axis=1)
-    squares = np.bincount(pose, left_out(rows.data, rows.own, fold) ** 2)
-    squares_without = np.bincount(pose, left_out(rows.data, without, fold) ** 2)
+    squares = np.bincount(pose, cv_residual(rows.data, rows.own, fold) ** 2)
+    squares_without = np.bincount(pose, cv_residual(rows.data, without, fold) ** 2)
     gain = squares_without - squares
     spread = float(gain.std(ddof=1)) / np.sqrt(len(gain))
     return CrossValidation(

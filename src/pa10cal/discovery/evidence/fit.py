@@ -7,9 +7,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pa10cal.arrays import Array
-from pa10cal.discovery import linear
+from pa10cal.discovery import jacobians
 from pa10cal.discovery.evidence.noise_model import SharedVariances
 from pa10cal.discovery.evidence.problem import EvidenceProblem
+from pa10cal.discovery.model_with_effects import (
+    ModelWithEffects,
+    all_unknowns,
+    bounds_of_unknowns,
+    identifiable_base_motions,
+    with_base_motion,
+    with_unknowns,
+)
 from pa10cal.discovery.rules import EVIDENCE
 from pa10cal.discovery.tuning import COMPUTING
 from pa10cal.fit.fitted_model import FittedModel
@@ -20,7 +28,7 @@ from pa10cal.terms.term import shows_torque
 
 
 @dataclass(frozen=True, eq=False)
-class EvidenceFit(linear.ModelWithEffects):
+class EvidenceFit(ModelWithEffects):
     """The calibrated model with effects, fitted under the noise models of the evidence."""
 
     sizes: tuple[int, ...]  # index in `EVIDENCE.sizes` of the size expected of each effect
@@ -52,15 +60,13 @@ def fit(
         The fit with the least cost.
     """
     baseline, first = problem.baseline, len(problem.baseline.x)
-    model = replace(
-        linear.with_base_term(baseline, effects), derivative_cache=problem.derivative_cache
-    )
-    bounds = linear.bounds_about(baseline, model, problem.cells.measured)
+    model = replace(with_base_motion(baseline, effects), derivative_cache=problem.derivative_cache)
+    bounds = bounds_of_unknowns(baseline, model, problem.cells.measured)
     own = np.concatenate([baseline.x, np.zeros(6), baseline.targets_m])
     known: dict[Effect, Array] = {}
     if start is not None:
-        own = start.x[start.own_columns()]
-        known = {effect: start.of(effect) for effect in start.effects}
+        own = start.x[start.baseline_columns()]
+        known = {effect: start.at.values_of(effect) for effect in start.effects}
     # An effect of the start keeps its shape: only those that join have several.
     shapes = max((len(effect.starts) for effect in effects if effect not in known), default=1)
     best: tuple[float, EvidenceFit] | None = None
@@ -88,7 +94,7 @@ def fit(
         )
         if best is None or found.equations.cost < best[0]:
             fitted = EvidenceFit(
-                effects, linear.at_unknowns(at, found.at), found.converged, sizes, variances
+                effects, with_unknowns(at, found.at), found.converged, sizes, variances
             )
             best = found.equations.cost, fitted
     assert best is not None
@@ -102,9 +108,9 @@ def covariance_of(problem: EvidenceProblem, found: EvidenceFit) -> Array:
     """
     rows = _FitRows(problem, found.effects, found.sizes, found.variances, found.at)
     measured = problem.cells.measured
-    free = ~linear.bounds_about(problem.baseline, found.at.model, measured).fixed
+    free = ~bounds_of_unknowns(problem.baseline, found.at.model, measured).fixed
     base = found.at.model.columns_of(found.at.model.terms[-1])
-    free[base] = linear.base_shown(measured)
+    free[base] = identifiable_base_motions(measured)
     of_free = np.ix_(free, free)
     information = rows.equations(found.x).normal[of_free]
     size = 1.0 / np.sqrt(np.diag(information))
@@ -119,7 +125,7 @@ def targets_off_m(problem: EvidenceProblem, found: EvidenceFit) -> Array:
     They are common to all poses. The fit integrates them out; here they are estimated from its
     residuals.
     """
-    rows = problem.pose.rows(linear.residual(found.at, problem.cells)[:, :, None])
+    rows = problem.pose.rows(jacobians.residual(found.at, problem.cells)[:, :, None])
     units = problem.pose.common_amounts(rows, found.variances.pose)[:, 0]
     stated = problem.cells.measured.by_stated_targets.shape[2]  # other common errors follow
     return np.asarray(-problem.setup.apparatus_m * units[:stated], dtype=np.float64)
@@ -143,7 +149,7 @@ class _FitRows:
         # The prior mean is that of tool and targets as calibrated, of the shape of an effect where
         # it starts (with an amount of zero the data do not determine it, and its first step would
         # end at a bound), and zero of all else.
-        x_start, baseline = linear.unknowns(at), problem.baseline
+        x_start, baseline = all_unknowns(at), problem.baseline
         of_tool = baseline.model.having("tool")
         mean = np.zeros(len(x_start))
         mean[: len(of_tool)] = np.where(of_tool, baseline.x, 0.0)
@@ -159,8 +165,8 @@ class _FitRows:
     def _evaluate(self, x: Array) -> None:
         """Compute the residuals of poses at parameters, once for cost and equations."""
         if self._last_x is not x:
-            self._last_x, self._at = x, linear.at_unknowns(self._at, x)
-            self._residual, self._jacobian = linear.residual_then_jacobian(
+            self._last_x, self._at = x, with_unknowns(self._at, x)
+            self._residual, self._jacobian = jacobians.residual_and_lazy_jacobian(
                 self._at, self._problem.cells
             )
 
@@ -191,7 +197,7 @@ class _FitRows:
 
 def pose_rows(problem: EvidenceProblem, at: FittedModel) -> Array:
     """Return predicted minus measured and its derivative side by side, (C, b, 1 + k + t)."""
-    difference, jacobian = linear.residual_and_jacobian(at, problem.cells)
+    difference, jacobian = jacobians.residual_and_jacobian(at, problem.cells)
     return np.concatenate([difference[:, :, None], jacobian], axis=2)
 
 

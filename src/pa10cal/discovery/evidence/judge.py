@@ -16,7 +16,7 @@ from pa10cal.discovery.evidence.likelihood import Score
 from pa10cal.discovery.evidence.problem import EvidenceProblem
 from pa10cal.discovery.evidence.search import EndOfSearch, ended_at, evidence_about, less
 from pa10cal.discovery.finding import Finding, Rival
-from pa10cal.discovery.linear import mean_length, position_noise
+from pa10cal.discovery.position_errors import mean_norm, position_noise_m2
 from pa10cal.discovery.rules import EVIDENCE
 from pa10cal.discovery.verdict import is_named, smooth_unknown
 from pa10cal.observe.observations import reading_groups
@@ -220,9 +220,9 @@ def floor_mm(problem: EvidenceProblem, repeats: NDArray[np.int64] | None = None)
         variance = variance / np.bincount(group)[group][:, None, None]
     else:
         variance = variance.mean(axis=0) / repeats[:, None, None]
-    return float(1e3 * np.mean(mean_length(variance)))
+    return float(1e3 * np.mean(mean_norm(variance)))
 
 
 def _position_noise(problem: EvidenceProblem) -> Array:
     """Return the covariances (P, d, d) [m²] of the position errors of single readings."""
-    return position_noise(problem.readings.measured, problem.noise.cov)
+    return position_noise_m2(problem.readings.measured, problem.noise.cov)

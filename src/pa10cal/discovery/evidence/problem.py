@@ -9,7 +9,7 @@ import numpy as np
 from pa10cal.arm.statics import Payload, StaticLoads
 from pa10cal.arrays import Array
 from pa10cal.discovery.evidence.noise_model import NoiseModel, average_into_cells, shared_error
-from pa10cal.discovery.linear import by_every_joint, residual
+from pa10cal.discovery.jacobians import ideal_by_joints, residual
 from pa10cal.discovery.noise import Noise, noise_of_repeats, same_circumstances, whitener_of
 from pa10cal.discovery.nuisances import NO_MOTION, TimeFindings
 from pa10cal.discovery.preparation import MeasurementSetup, complete, context_of
@@ -79,7 +79,7 @@ def prepare(
         deviation = deviation - in_time.wander.shift(baseline, readings)
     if moved_between_repeats is not None:
         deviation = deviation + moved_between_repeats
-    noise = noise_of_repeats(readings, deviation, by_every_joint(about, readings))
+    noise = noise_of_repeats(readings, deviation, ideal_by_joints(about, readings))
     cells, cell_cov = average_into_cells(readings, noise.cov, _most_in_a_cell(readings, in_time))
     cells = complete(cells, baseline, setup, about)
     pose = pose_noise_model(cells, cell_cov, about, setup, in_time)

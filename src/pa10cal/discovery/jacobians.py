@@ -1,0 +1,204 @@
+"""Residuals of a fitted model at measured poses, and their Jacobians.
+
+A residual is predicted minus measured, (P, b) [m, rad]: P poses of b components as the instrument
+measures them, zero where a component was not seen. Jacobians (P, b, k) are exact derivatives by k
+parameters at the parameters of the model, whose terms may move the base away from its base frame.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pa10cal.arm.chain import end_pose_with_screws
+from pa10cal.arrays import Array, Index, drawn
+from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.problem import possible_sizes
+from pa10cal.observe.observations import Observations
+from pa10cal.terms.effects.effect import Effect
+from pa10cal.terms.term import Offsets, Term, TermParameter, base_frame
+
+
+def residual(at: FittedModel, poses: Observations) -> Array:
+    """Return predicted minus measured components, (P, b) [m, rad]."""
+    return at.compared(poses).residual
+
+
+def residual_and_jacobian(at: FittedModel, poses: Observations) -> tuple[Array, Array]:
+    """Return `residual`, and its derivative (P, b, k + t) by all parameters and targets."""
+    left, jacobian = residual_and_lazy_jacobian(at, poses)
+    return left, jacobian()
+
+
+def residual_and_lazy_jacobian(
+    at: FittedModel, poses: Observations
+) -> tuple[Array, Callable[[], Array]]:
+    """Return `residual`, and a function that computes its derivative (P, b, k + t)."""
+    predicted = at.model.predict_with_jacobian(poses.states, at.x)
+    compared = poses.measured.compare(
+        at.T_instr_base @ predicted.T_base_ee, at.targets_read_m(poses.states)
+    )
+
+    def jacobian() -> Array:
+        by_model = _along_base(compared.by_end, at) @ predicted.jacobian
+        if not len(at.targets_m):
+            return by_model
+        for term in at.model.terms:
+            columns = at.model.columns_of(term)
+            distorted = by_target_distortion(compared.by_targets, poses, term, at.x[columns])
+            if distorted is not None:
+                by_model[:, :, columns] += distorted
+        return np.concatenate([by_model, compared.by_targets], axis=2)
+
+    return compared.residual, jacobian
+
+
+# By some of the parameters of a model, or by those of terms that it does not have.
+
+
+def by_terms(
+    at: FittedModel,
+    poses: Observations,
+    terms: Sequence[Term],
+    points: Sequence[Array],
+    whiteners: Array | None = None,
+) -> list[Array]:
+    """Return the derivative of `residual` by the parameters of each term, (P, b, k').
+
+    Args:
+        terms: of the model or not.
+        points: parameters (k',) of each term at which the derivative is taken.
+        whiteners: (P, b, b); where given, the derivative is of the whitened residual.
+    """
+    T_base_ee, in_base = at.model.by_terms(poses.states, at.x, terms, points)
+    compared = poses.measured.compare(at.T_instr_base @ T_base_ee, at.targets_m)
+    by_end = _along_base(compared.by_end, at)
+    if whiteners is not None:
+        by_end = whiteners @ by_end
+    by_parameters = [by_end @ columns for columns in in_base]
+    for columns, term, point in zip(by_parameters, terms, points, strict=True):
+        distorted = by_target_distortion(compared.by_targets, poses, term, point)
+        if distorted is not None:
+            columns += distorted if whiteners is None else whiteners @ distorted
+    return by_parameters
+
+
+def by_target_distortion(
+    by_targets: Array, poses: Observations, term: Term, point: Array
+) -> Array | None:
+    """Return the derivative (P, b, k) of components by how a term distorts the targets' pattern.
+
+    None where it does not. `by_targets` (P, b, t) is the derivative by the targets' coordinates.
+    """
+    distorted = term.targets_derivative(poses.states, point) if by_targets.shape[2] else None
+    return None if distorted is None else by_targets @ distorted
+
+
+def by_scaled_terms(
+    at: FittedModel,
+    poses: Observations,
+    terms: Sequence[Term],
+    whiteners: Array | None = None,
+) -> list[Array]:
+    """Return `by_terms` of terms of the model, a unit of a parameter being its possible size."""
+    places = [at.model.columns_of(term) for term in terms]
+    sizes = possible_sizes(at.model)
+    by_parameters = by_terms(at, poses, terms, [at.x[place] for place in places], whiteners)
+    return [columns * sizes[place] for columns, place in zip(by_parameters, places, strict=True)]
+
+
+def by_scaled_effects(
+    at: FittedModel,
+    poses: Observations,
+    effects: Sequence[Effect],
+    points: Sequence[Array],
+    whiteners: Array | None = None,
+) -> list[Array]:
+    """Return `by_terms` of the linear parameters of effects, in their plausible sizes."""
+    by_parameters = by_terms(at, poses, effects, points, whiteners)
+    return [
+        columns[:, :, : effect.linear] @ effect.prior_factor
+        for columns, effect in zip(by_parameters, effects, strict=True)
+    ]
+
+
+def by_base(at: FittedModel, poses: Observations) -> Array:
+    """Return the derivative of `residual` by six small motions of the base, (P, b, 6)."""
+    return by_terms(at, poses, [base_frame()], [np.zeros(6)])[0]
+
+
+def by_targets(at: FittedModel, poses: Observations) -> Array:
+    """Return the derivative of `residual` by the coordinates of targets, (P, b, t)."""
+    return at.compared(poses).by_targets
+
+
+def by_joints(at: FittedModel, poses: Observations, joints: Sequence[int]) -> Array:
+    """Return the derivative of `residual` by the positions of joints, from 1: (P, b, j)."""
+    return by_terms(at, poses, [joint_positions(at, joints)], [np.zeros(len(joints))])[0]
+
+
+def joint_positions(at: FittedModel, joints: Sequence[int]) -> Offsets:
+    """Return errors of the positions of joints, from 1, as a term."""
+    chain = at.model.chain
+    driven = [chain.motions[chain.joint_columns[joint - 1]].coordinate for joint in joints]
+    return Offsets(tuple(TermParameter(name, "", 1.0) for name in driven), tuple(driven))
+
+
+# At a residual of zero, where the components of an orientation error equal its angles.
+
+
+def ideal_by_end(at: FittedModel, poses: Observations, T_base_ee: Array) -> Array:
+    """Return the derivative of components by velocities of the end along base axes, (P, b, 6).
+
+    Of poses that were measured exactly where the end is, at T_base_ee (P, 4, 4).
+    """
+    T_instr_ee, measured = at.T_instr_base @ T_base_ee, poses.measured
+    compared = measured.ideal(T_instr_ee, at.targets_m).compare(T_instr_ee, at.targets_m)
+    return _along_base(compared.by_end * measured.components_seen[..., None], at)
+
+
+def ideal_by_joints(at: FittedModel, poses: Observations) -> Array:
+    """Return the derivative of components by the position of each joint, (P, b, n).
+
+    Of poses that were measured exactly where the model predicts them.
+    """
+    chain = at.model.chain
+    end = end_pose_with_screws(chain, at.model.chain_coordinates(poses.states, at.x))
+    return np.asarray(ideal_by_end(at, poses, end.T) @ end.screws[:, :, chain.joint_columns])
+
+
+def _along_base(by_end: Array, at: FittedModel) -> Array:
+    """Return a derivative (P, b, 6) by motions along the base's axes, from the instrument's."""
+    R = at.T_instr_base[:3, :3]
+    return np.concatenate([by_end[..., :3] @ R, by_end[..., 3:] @ R], axis=2)
+
+
+@dataclass(frozen=True, eq=False)
+class WhitenedPoses:
+    """P complete poses about a model that was fitted to them, with what whitens their residual."""
+
+    at: FittedModel
+    poses: Observations
+    residual: Array  # (P, b) predicted minus measured components
+    whitener: Array  # (P, b, b) by which the noise of the residual has the unit covariance
+
+    def at_most(self, count: int) -> WhitenedPoses:
+        """Return at most `count` of the poses; of more, so many are drawn at random."""
+        return self if len(self.poses) <= count else self.take(drawn(len(self.poses), count))
+
+    def take(self, rows: Index) -> WhitenedPoses:
+        """Return some of the poses."""
+        poses, residual = self.poses.take(rows), self.residual[rows]
+        return WhitenedPoses(self.at, poses, residual, self.whitener[rows])
+
+    @property
+    def data(self) -> Array:
+        """Return whitened measured minus predicted components, (P, b)."""
+        return -(self.whitener @ self.residual[:, :, None])[:, :, 0]
+
+    @property
+    def by_targets(self) -> Array:
+        """Return the derivative of the whitened residual by targets, (P, b, t)."""
+        return np.asarray(self.whitener @ by_targets(self.at, self.poses))

@@ -1,0 +1,84 @@
+"""Position errors of poses, from residuals of their components, and those that noise makes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pa10cal.arrays import Array
+from pa10cal.calibration.accuracy import targets_seen
+from pa10cal.discovery.tuning import COMPUTING
+from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.observe.instrument import Instrument
+from pa10cal.observe.observations import Observations
+
+
+def position_error_mm(measured: Instrument, residual: Array) -> Array:
+    """Return the position error (P,) of residuals (P, b): the rms over the targets of a pose."""
+    squares_m2 = np.sum(residual[:, measured.position_columns] ** 2, axis=1)
+    return np.asarray(1e3 * np.sqrt(squares_m2 / targets_seen(measured)))
+
+
+def position_errors_along_axes(
+    at: FittedModel, poses: Observations, deviation: Array, cov: Array
+) -> tuple[Array, Array]:
+    """Return position errors (P, 3) [m] and the variances (P, 3) [m²] of their noise.
+
+    They are along the instrument's axes and means over the targets; of an instrument of distances,
+    along the line of sight.
+
+    Args:
+        deviation: (P, b) measured minus predicted components.
+        cov: (P, b, b) covariance of their noise.
+    """
+    rows, measured = poses.measured.position_columns, poses.measured
+    T_instr_ee = at.T_instr_base @ at.model.predict(poses.states, at.x)
+    ideal = measured.ideal(T_instr_ee, at.targets_m).compare(T_instr_ee, at.targets_m)
+    seen, targets = measured.components_seen[:, rows, None], targets_seen(measured)
+    # The derivative of a component by the position of the end is its direction.
+    to_axes = (seen * ideal.by_end[:, rows, :3] / targets[:, None, None]).transpose(0, 2, 1)
+    error_m = (to_axes @ deviation[:, rows, None])[:, :, 0]
+    of_positions = cov[:, rows[:, None], rows]
+    variance_m2 = np.einsum("pik,pkl,pil->pi", to_axes, of_positions, to_axes, optimize=True)
+    return error_m, variance_m2
+
+
+def position_noise_m2(measured: Instrument, cov: Array) -> Array:
+    """Return covariances (P, d, d) of noise vectors as long as the position errors of poses.
+
+    The squared length of a vector is the mean over the targets seen. It has d components, those of
+    positions: three a target, or one of a distance. They are zero where nothing was seen.
+
+    Args:
+        cov: (P, b, b) noise covariance of the components.
+    """
+    columns = measured.position_columns
+    seen = measured.components_seen[:, columns]
+    both_seen = seen[:, :, None] & seen[:, None, :]
+    of_positions = np.where(both_seen, cov[:, columns[:, None], columns], 0.0)
+    return np.asarray(of_positions / targets_seen(measured)[:, None, None])
+
+
+def mean_norm(covariance: Array) -> Array:
+    """Return the expected norms (P,) of Gaussian vectors of mean zero, by covariances (P, d, d).
+
+    They are Monte Carlo means over draws that are the same for all.
+    """
+    std = np.sqrt(np.maximum(np.linalg.eigvalsh(covariance), 0.0))
+    draws = np.random.default_rng(0).standard_normal((COMPUTING.draws, covariance.shape[1]))
+    norms = np.sqrt((std[:, None, :] ** 2 * draws[None] ** 2).sum(axis=2))
+    return np.asarray(norms.mean(axis=1))
+
+
+def mean_noise_error_mm(measured: Instrument, cov: Array) -> float:
+    """Return the mean position error over P poses that noise of covariances (P, b, b) makes.
+
+    One mean covariance stands for all poses; for a group of campaigns, whose instruments differ,
+    one for all poses in which the same components were seen.
+    """
+    noise_m2 = position_noise_m2(measured, cov)
+    if not measured.campaigns:
+        return float(1e3 * mean_norm(noise_m2.mean(axis=0, keepdims=True))[0])
+    _, pattern = np.unique(measured.components_seen, axis=0, return_inverse=True)
+    pattern, poses = pattern.ravel(), np.bincount(pattern.ravel())
+    means_m2 = np.stack([noise_m2[pattern == k].mean(axis=0) for k in range(len(poses))])
+    return float(1e3 * np.average(mean_norm(means_m2), weights=poses))
