@@ -77,7 +77,7 @@ def _effect(places: tuple[Any, ...]) -> str:
         "sign": _sign(first, [each.name for each in reported]),
         "expected size": f"{size.plausible:.2g} {size.unit}".removesuffix(" 1"),
     }
-    if first.goes_with_time:
+    if first.depends_on:
         rows["goes with"] = "time or temperature: the campaign must have lasted, or warmed up"
     table = "\n".join(f"| {what} | {value} |" for what, value in rows.items())
     return f"## `{first.id}`\n\n{_text(type(first))}\n\n| | |\n| --- | --- |\n{table}"
@@ -85,7 +85,7 @@ def _effect(places: tuple[Any, ...]) -> str:
 
 def _sign(effect: Any, reported: list[str]) -> str:
     """Return which signs its amount may have."""
-    if effect.positive:
+    if effect.limits.positive:
         return "never negative"
     return "by the phase" if {"A", "phi"} <= set(reported) else "either"
 

@@ -13,6 +13,7 @@ from pa10cal.discovery import compliance
 from pa10cal.discovery.verdict_records import extended_parameters, verdict_keys
 from pa10cal.results.number_text import HALF_WIDTH_95
 from pa10cal.terms.joint_spring import is_spring
+from pa10cal.terms.weights import holds_weights
 from pa10cal.terms.wording import sentences
 from pa10cal_lab.cell.trials import draw_trials
 
@@ -53,7 +54,7 @@ def test_where_loads_set_the_scale_a_stiffness_is_that_of_the_model(soft):
     *_, verdict = soft
     problem = compliance._LinearProblem.of(verdict)
     model = problem.at.model
-    terms = [replace(term, u_scale=0.0) if term.u_scale else term for term in model.terms]
+    terms = [replace(term, u_scale=0.0) if holds_weights(term) else term for term in model.terms]
     scaled = replace(problem, at=replace(problem.at, model=replace(model, terms=tuple(terms))))
     for name in verdict.gives_way:
         (spring,) = (each for each in terms if is_spring(each) and each.of == name.of)

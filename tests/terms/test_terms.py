@@ -137,5 +137,5 @@ def test_terms_at_fixed_parameters_predict_as_they_do_free(robot):
     np.testing.assert_array_equal(known.torque_Nm(states, none), free.torque_Nm(states, x))
     np.testing.assert_allclose(known.distortion_m(states, none), free.distortion_m(states, x))
     for term, same in zip(terms, known.terms, strict=True):
-        for trait in ("bends", "yields", "shows_torque", "holds", "depends_on", "falsifies_log"):
+        for trait in ("bends", "yields", "shows_torque", "holds", "depends_on", "error_of"):
             assert getattr(same, trait) == getattr(term, trait), (term.id, trait)

@@ -443,7 +443,7 @@ def effects(*, robot: str = "pa10_6ce") -> None:
     for effect_at_places in vocabulary_of(arm):
         effect = effect_at_places[0]
         reported = effect.report(effect.starts[0]).parameters
-        positive_count = effect.linear if effect.positive else 0
+        positive_count = effect.linear if effect.limits.positive else 0
         parameters = [
             f"{parameter.name}{' > 0' if k < positive_count else ''} [{parameter.unit}]"
             for k, parameter in enumerate(reported)

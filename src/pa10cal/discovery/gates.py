@@ -194,7 +194,7 @@ def _without_unlikely_names(found: Verdict[S]) -> Verdict[S]:
         without = without_names(found, {finding_of(found, finding.effect): why})
         held_out = found.trusted_holdout
         worse_without = not harmed(held_out) and worse_than(without.trusted_holdout, held_out)
-        if not worse_without or finding.effect.falsifies_readings:
+        if not worse_without or finding.effect.error_of == "readings":
             found = without
     return found
 
@@ -303,10 +303,10 @@ def _robot_in_place_of_instrument(found: Verdict[S], finding: Finding) -> Verdic
     Predictions omit effects of the instrument, and a wrong one falsifies the geometry fitted with
     it: so the robot's effect is named where both fit.
     """
-    if not finding.effect.falsifies_readings:
+    if finding.effect.error_of != "readings":
         return found
-    robots = tuple(effect for effect in finding.alternatives if not effect.falsifies_readings)
-    others = tuple(effect for effect in finding.alternatives if effect.falsifies_readings)
+    robots = tuple(effect for effect in finding.alternatives if effect.error_of != "readings")
+    others = tuple(effect for effect in finding.alternatives if effect.error_of == "readings")
     listed = (*others, finding.effect)
     return _alternative(found, finding, robots, listed) or found
 
@@ -323,7 +323,7 @@ def with_other_readings(found: Verdict) -> Verdict:
         (probability, finding, other)
         for finding in found.findings
         for other, probability in finding.explanations.named
-        if other.falsifies_readings != finding.effect.falsifies_readings
+        if (other.error_of == "readings") != (finding.effect.error_of == "readings")
         and probability >= PROBABILITIES.other_readings
         and is_named(finding.effect)
         and is_named(other)

@@ -192,7 +192,7 @@ def calibrate_with_effects(
 
 def _bent_links(effects: Sequence[EffectOfPlace | Effect], arm: Arm) -> list[int]:
     """Return the rows, from 1, whose links bend by effects at the joints that follow them."""
-    on_links = {kind.id for kind in every_effect() if kind.on_link}
+    on_links = {kind.id for kind in every_effect() if kind.on_link_before}
     places = {each.of for each in effects if each.id in on_links}
     return [row for row in range(1, arm.n) if f"joint {row + 1}" in places]
 

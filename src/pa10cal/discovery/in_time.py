@@ -467,14 +467,14 @@ def by_pose_and_time(
     known = [
         effect
         for effect in effects
-        if not (is_error_map(effect) or (effect.generic and effect.goes_with_time))
+        if not (is_error_map(effect) or (effect.generic and effect.depends_on))
         and why_unknown(effect, poses.states, logged=logged, weights=weights) is None
     ]
     shapes = [effect for effect in known for _ in effect.starts]
     starts = [start for effect in known for start in effect.starts]
     none = np.zeros((*poses.measured.components_seen.shape, 0))
     columns = [none, *jacobians.by_scaled_effects(at, poses, shapes, starts)]
-    with_time = np.array([False, *(effect.goes_with_time for effect in shapes)])
+    with_time = np.array([False, *(effect.depends_on is not None for effect in shapes)])
     with_time = np.repeat(with_time, [each.shape[2] for each in columns])
     every = np.concatenate(columns, axis=2)
     static, of_time = every[..., ~with_time], CANDIDATES.sizes_of_time * every[..., with_time]

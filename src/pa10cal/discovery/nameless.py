@@ -31,7 +31,6 @@ from pa10cal.terms.effects.effect import CandidateContext, Effect, every_effect,
 from pa10cal.terms.field import Nameless
 from pa10cal.terms.model import Model
 from pa10cal.terms.term import Term, base_frame, tool_frame
-from pa10cal.terms.weights import is_fault
 
 F = TypeVar("F", bound=Fitted)
 
@@ -48,15 +47,15 @@ def nameless_effects(
     kinds = [
         kind
         for kind in every_effect()
-        if kind.sought
-        and not (kind.generic or kind.at_knots or kind.falsifies_readings or kind.goes_with_time)
+        if kind.role_in_search != "proposed"
+        and kind.error_of == "robot"
+        and not (kind.generic or kind.at_knots or kind.depends_on)
     ]
     known, _ = computable(everywhere_but(kinds, context, held), states, logged=logged, weights=True)
     return tuple(
         effect
         for effect in known
-        if effect.proportional
-        and not (effect.yields or effect.shows_torque or effect.falsifies_log or is_fault(effect))
+        if effect.proportional and not (effect.yields or effect.shows_torque)
     )
 
 

@@ -97,11 +97,11 @@ def unfit(finding: Finding, model: FittedModel, states: PoseStates | None = None
     effect = finding.effect
     linear = slice(0, effect.linear)
     x = model.values_of(effect)[linear]
-    if effect.positive and x.min() < 0.0:
+    if effect.limits.positive and x.min() < 0.0:
         names = ", ".join(finding.parameters)
         yield f"its {names} would be negative, which is not physical"
-    if effect.possible is not None:
-        low, high, why = effect.possible
+    if effect.limits.possible is not None:
+        low, high, why = effect.limits.possible
         value, std = float(finding.x[0]), float(np.sqrt(max(finding.covariance[0, 0], 0.0)))
         if value + HALF_WIDTH_95 * std < low or value - HALF_WIDTH_95 * std > high:
             name, unit = effect.reported[0].name, effect.reported[0].unit
@@ -123,8 +123,8 @@ def _has_other_limits(effect: Effect, model: FittedModel) -> bool:
     Compliances under weights that are not stated are as uncertain as these: their limit is the
     rotation that they cause.
     """
-    by_turn = effect.most_rad is not None and weights_known(model.arm).assumed
-    return effect.possible is not None or by_turn
+    by_turn = effect.limits.turn is not None and weights_known(model.arm).assumed
+    return effect.limits.possible is not None or by_turn
 
 
 def _turns_too_far(
@@ -144,8 +144,8 @@ def holds_zero(effect: Effect, model: FittedModel) -> Iterator[str]:
     """Yield why the amount of an effect of a model is not significantly different from zero.
 
     Zero is in the 95 % confidence region of its linear parameters, or in the interval of each of
-    them: if only a combination is significant, the poses do not determine the amounts. The scales
-    of three axes are exempt from the latter: only their differences are identifiable.
+    them: if only a combination is significant, the poses do not determine the amounts. The latter
+    counts where each amount has a meaning by itself.
     """
     linear = slice(0, effect.linear)
     if model.covariance is None:
@@ -156,9 +156,8 @@ def holds_zero(effect: Effect, model: FittedModel) -> Iterator[str]:
     scale = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
     white = x / scale
     square = float(white @ np.linalg.pinv(covariance / np.outer(scale, scale)) @ white)
-    each_counts = type(effect).report is Effect.report and not effect.by_differences
     if square < chdtri(effect.linear, 1.0 - NAMES.confidence):
         yield f"it is {np.sqrt(max(square, 0.0)):.1f} standard uncertainties from zero"
-    elif each_counts and np.abs(white).max() < HALF_WIDTH_95:
+    elif effect.amounts_stand_alone and np.abs(white).max() < HALF_WIDTH_95:
         names = ", ".join(each.name for each in effect.reported[linear])
         yield f"the intervals of its {names} hold zero"

@@ -218,7 +218,7 @@ class Together:
                 of_members[k].min() > -TOGETHER.below_zero * std[place.start]
                 and of_members[k].max() > 0.0
                 for k, place in rows.places.items()
-                if self.members[k].effect.positive
+                if self.members[k].effect.limits.positive
             )
         nats = fit.log_evidence - self.member_nats * len(chosen)
         return ScoredSet(chosen, nats, of_members, weights, possible)
@@ -356,7 +356,7 @@ def _members(context: CandidateContext, at: FittedModel, poses: Observations) ->
     )
     others: tuple[Effect, ...] = nameless_effects(context, poses.states, (), logged=False)
     for other in (*others, *known):
-        if not other.in_sets:
+        if other.as_scale_of_instrument:
             continue
         sizes = other.prior_factor * (TOGETHER.sizes if other.bends or other.yields else 1.0)
         for start in other.starts:

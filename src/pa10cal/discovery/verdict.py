@@ -503,7 +503,7 @@ def in_doubt(found: Verdict, finding: F) -> F:
 
 def _plausible_sizes(found: Verdict, effect: Effect) -> float:
     """Return how many plausible sizes an effect of the model has; 0 where physics limits it."""
-    limited = effect.possible is not None or effect.most_rad is not None
+    limited = effect.limits.possible is not None or effect.limits.turn is not None
     extended = found.scorer.extended
     if limited or not is_named(effect) or effect not in extended.effects:
         return 0.0

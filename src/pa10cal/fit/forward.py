@@ -382,7 +382,7 @@ class Forward:
 
 def moves_robot(term: Term) -> bool:
     """Return whether a term moves the robot, and not only what instrument or log show of it."""
-    return term.of != "instrument" and not term.falsifies_log
+    return term.error_of in ("robot", "statement")
 
 
 def predicted(model: Fitted, given: PoseStates, frame: str) -> Prediction:

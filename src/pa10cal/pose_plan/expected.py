@@ -168,7 +168,7 @@ def _effect_rows(
     context = replace(context, torques="none" if payload is None else "masses")
     rows = {}
     for effect in candidates(context):
-        if effect.generic or effect.goes_with_time:
+        if effect.generic or effect.depends_on:
             continue
         if why_unknown(effect, poses.states, logged=False, weights=payload is not None):
             continue

@@ -46,7 +46,6 @@ class Unnamed(Traits):
     of: ClassVar[str] = "joints"
     proportional: ClassVar[bool] = True
     stays_with_arm: ClassVar[bool] = False
-    known_elsewhere: ClassVar[bool] = False
 
     @cached_property
     @abstractmethod

@@ -273,7 +273,7 @@ class Model:
         Of assumed weights, poses determine only ratios and stiffness over weight: a stiffness alone
         has this uncertainty besides. 0 where weights are stated.
         """
-        return max((term.u_scale for term in self.terms), default=0.0)
+        return max((term.u_scale for term in self.terms if holds_weights(term)), default=0.0)
 
     def chain_coordinates(self, states: PoseStates, x: Array) -> Array:
         """Return the chain coordinates (P, m) that the terms lead to."""

@@ -78,14 +78,27 @@ class Report:
         return found
 
 
+# What may be asked of any term beside its form, with the answer of most terms; a class that differs
+# states its own. Where classes are asked, before there are terms, the answer is a class variable.
+
 #: Where a term applies: in all poses, in those of one campaign of a group, or of a part of one.
 Holds = Literal["everywhere", "campaign", "part"]
+#: What a term corrects, and with it who shows that error.
+ErrorOf = Literal[
+    "robot",  # arm, base or tool: they are elsewhere
+    "log",  # logged joints or torques
+    "readings",  # what the instrument reads
+    "statement",  # a load or a tool as campaign.yaml states it, which moves the robot otherwise
+]
+#: The state of a pose, beside joints and loads, on which a term depends.
+Condition = Literal["temperature_C", "time_s"]
 
 
-class Traits(Protocol):
-    """Properties of any term, with the value of most; a class that differs states its own."""
+class InPredictions(Protocol):
+    """What predictions ask of a term: `terms/model`, `fit/forward`, `fit/rigid`, `commands/models`.
 
-    # Read by predictions.
+    Searches ask some of it of classes, to choose among effects.
+    """
 
     #: Whether it turns a joint under the torque that this carries, see `Yielding`.
     yields: ClassVar[bool] = False
@@ -95,17 +108,14 @@ class Traits(Protocol):
     bends: ClassVar[bool] = False
     #: In which poses it applies.
     holds: ClassVar[Holds] = "everywhere"
-    #: On which of a pose's states it depends beside joints and loads; None for none.
-    depends_on: ClassVar[Literal["temperature_C", "time_s"] | None] = None
-
-    @property
-    def falsifies_log(self) -> bool:
-        """Return whether it is an error of the log of joints or torques, not of the robot."""
-        return False
+    #: The condition on which it depends; None for none.
+    depends_on: ClassVar[Condition | None] = None
+    #: What it corrects. Predicted poses leave out errors of log and readings.
+    error_of: ClassVar[ErrorOf] = "robot"
 
     @property
     def constant(self) -> bool:
-        """Return whether its shift is the same in all poses in which it applies."""
+        """Return whether it adds each parameter to one coordinate, the same wherever it applies."""
         return False
 
     def targets_derivative(self, states: PoseStates, x: Array) -> Array | None:
@@ -125,21 +135,18 @@ class Traits(Protocol):
         """Return states with the loads that it puts on links and base: unchanged but by weights."""
         return states
 
-    # Read by fits and by the search of effects.
+
+class InFits(Protocol):
+    """What fits ask of a term: `calibration/`, `discovery/`, the cache of `terms/model`."""
 
     #: Whether it is a periodic spline of its joint's angle, solved in the errors at the knots: its
-    #: rows are sparse in B-splines.
+    #: rows are sparse in B-splines. Asked by `is_error_map`, and of classes.
     at_knots: ClassVar[bool] = False
 
     @property
     def proportional(self) -> bool:
         """Return whether it is known to be proportional to all its parameters."""
         return False
-
-    @property
-    def u_scale(self) -> float:
-        """Return the relative standard uncertainty of all weights together, see `Model.u_scale`."""
-        return 0.0
 
     def only(self: Term, names: Collection[str]) -> Term:
         """Return the term with the named parameters only; unchanged, where it needs all of them."""
@@ -150,21 +157,30 @@ class Traits(Protocol):
         sizes = np.array([parameter.scale for parameter in self.parameters])
         return np.asarray(5.0 * spread * sizes * generator.standard_normal(len(sizes)))
 
-    # Read where a model is carried to another campaign, or compared with that of another one.
+
+@dataclass(frozen=True)
+class Transferred:
+    """A term for another campaign of the same arm."""
+
+    term: Term
+    same_amounts: bool  # whether its parameters there are those of this campaign, else unknown
+
+
+class InOtherCampaigns(Protocol):
+    """What is asked of the terms of a model that another campaign uses or is compared with.
+
+    By `calibration/general/other_campaign`, `evaluation/parameter_differences` and
+    `evaluation/holdout`.
+    """
 
     @property
     def stays_with_arm(self) -> bool:
-        """Return whether it holds for the arm in other campaigns, with the same parameters."""
+        """Return whether other campaigns of the arm have it too, be it by amounts of their own."""
         return True
 
-    @property
-    def known_elsewhere(self) -> bool:
-        """Return whether its parameters in one campaign are informative about another."""
-        return True
-
-    def elsewhere(self: Term) -> Term | None:
+    def elsewhere(self: Term) -> Transferred | None:
         """Return the term for another campaign of the arm; None where it does not apply there."""
-        return self if self.stays_with_arm else None
+        return Transferred(self, same_amounts=True) if self.stays_with_arm else None
 
     def restated(self: Term, other: Term, x: Array) -> tuple[Array, Array]:
         """Return the parameters of `other`, converted to those that this term is solved in.
@@ -180,6 +196,10 @@ class Traits(Protocol):
             (k,) parameters of this term; (k, k) their derivative by x.
         """
         return x, identity(len(x))
+
+
+class Traits(InPredictions, InFits, InOtherCampaigns, Protocol):
+    """All that may be asked of a term beside its form."""
 
 
 class Term(Traits, Protocol):
@@ -280,10 +300,6 @@ class TorqueOnly(Traits):
     @abstractmethod
     def acts_on_joint(self) -> bool:
         """Return whether the joint carries that torque; else only the log shows it."""
-
-    @property
-    def falsifies_log(self) -> bool:
-        return not self.acts_on_joint
 
     @abstractmethod
     def torque_derivative(self, states: PoseStates, x: Array) -> Array:
@@ -452,20 +468,16 @@ class Fixed(Traits):
         return self.term.holds
 
     @property
-    def depends_on(self) -> Literal["temperature_C", "time_s"] | None:  # type: ignore[override]
+    def depends_on(self) -> Condition | None:  # type: ignore[override]
         return self.term.depends_on
 
     @property
-    def falsifies_log(self) -> bool:
-        return self.term.falsifies_log
+    def error_of(self) -> ErrorOf:  # type: ignore[override]
+        return self.term.error_of
 
     @property
     def stays_with_arm(self) -> bool:
         return self.term.stays_with_arm
-
-    @property
-    def known_elsewhere(self) -> bool:
-        return self.term.known_elsewhere
 
     def shift(self, states: PoseStates, x: Array) -> Array:
         return self.term.shift(states, self.x_term)

@@ -18,6 +18,7 @@ from pa10cal.results.number_text import plain_number, with_half_width_95
 from pa10cal.terms.effects.effect import CandidateContext, Effect, everywhere_but, static_loads_in
 from pa10cal.terms.term import (
     OPTIONAL,
+    ErrorOf,
     Report,
     Role,
     Term,
@@ -77,7 +78,6 @@ class Weights(TorqueOnly):
     id: ClassVar[str] = "weights"
     of: ClassVar[str] = "arm"
     acts_on_joint: ClassVar[bool] = False  # calculated torques do not have it
-    falsifies_log: ClassVar[bool] = False  # it plays a part wherever torques are calculated
 
     @classmethod
     def about(cls, arm: Arm, sizes: WeightSizes) -> Weights:
@@ -242,7 +242,7 @@ class LogFault(Effect):
     """A fault of the whole log, such as a load that is stated wrongly."""
 
     kind: ClassVar[FaultKind]
-    fault = True
+    error_of: ClassVar[ErrorOf] = "statement"
 
     @abstractmethod
     def fault_text(self, x: Array, std: Array) -> FaultText:
@@ -251,7 +251,7 @@ class LogFault(Effect):
 
 def is_fault(effect: Effect) -> TypeGuard[LogFault]:
     """Return whether something sought is a fault of the log, and no effect."""
-    return effect.fault
+    return effect.error_of == "statement"
 
 
 @dataclass(frozen=True)
@@ -268,10 +268,6 @@ class WeightStated(TorqueOnly, LogFault):
     def acts_on_joint(self) -> bool:
         """Return whether the torque counts as carried: logged torques contain it already."""
         return not self.of_calculated
-
-    @property
-    def falsifies_log(self) -> bool:
-        return False
 
     @abstractmethod
     def per_unit(self, states: PoseStates) -> Array:

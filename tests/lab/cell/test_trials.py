@@ -292,7 +292,7 @@ def test_singles_have_the_size_that_the_vocabulary_holds_for_plausible():
         time_span_s=(0.0, 3600.0),
     )
     # An axis that tilts is hidden as a soft bearing, of another form.
-    every = [term for term in candidates(context) if not term.takes_a_place]
+    every = [term for term in candidates(context) if term.role_in_search != "substitute"]
     terms = {term.id: term for term in every if term.of not in ("joint 2", "joint 3")}
     elsewhere = (
         "along_move",

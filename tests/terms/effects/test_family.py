@@ -155,7 +155,7 @@ def test_every_effect_has_decided_its_sign_and_the_gate_holds_it(context):
         sliding = replace(near, arm=replace(context.arm, prismatic=np.arange(6) < 2))
         wide = replace(near, q_span_rad=np.tile([-2.0, 2.0], (6, 1)))
         effect = next(e for known in (near, far, sliding, wide) for e in kind.everywhere(known))
-        assert effect.positive == (effect.id in ONE_SIGN)
+        assert effect.limits.positive == (effect.id in ONE_SIGN)
         plausible = np.array([each.plausible for each in effect.parameters[: effect.linear]])
         for k in range(effect.linear):
             for sign in (1.0, -1.0):

@@ -120,7 +120,7 @@ def test_a_sensor_and_a_gear_have_one_form(kind):
     as_map = JointErrorMap("joint 2", 360, TYPICAL)
     np.testing.assert_array_equal(effect.shift(at(q_rad), x), as_map.shift(at(q_rad), x))
     np.testing.assert_array_equal(effect.prior_factor, as_map.prior_factor)
-    assert not effect.sought
+    assert effect.role_in_search == "proposed"
     assert effect.parameters[0].name == f"{kind.id}_2_knot_000"
 
 

@@ -130,6 +130,7 @@ def prior_of(model: FittedModel, arm: Arm, payload: Payload | None) -> Prior:
         transferred = term.elsewhere()
         if transferred is None:
             continue
+        there = transferred.term
         if holds_weights(term):
             weights = _weights(term, arm, payload)
             if weights is None:
@@ -137,14 +138,14 @@ def prior_of(model: FittedModel, arm: Arm, payload: Payload | None) -> Prior:
             column_of = dict(zip(term.columns, columns, strict=True))
             links = _columns_of_links(term)
             columns = [column_of[c] if c in links else -1 for c in weights.columns]
-            transferred = weights
-        elif not term.known_elsewhere:
-            columns = [-1] * len(transferred.parameters)
-        terms.append(transferred)
+            there = weights
+        elif not transferred.same_amounts:
+            columns = [-1] * len(there.parameters)
+        terms.append(there)
         sources += columns
         sizes += [
             GROUPS.bound_squares * each.scale if each.plausible is None else each.plausible
-            for each in transferred.parameters
+            for each in there.parameters
         ]
     index = np.array(sources, dtype=np.intp)
     new = index < 0

@@ -162,7 +162,7 @@ def _rivals_in_time(survey: Survey, found: Sequence[Effect]) -> tuple[Effect, ..
     of_time = (
         each
         for each in sought(survey.context, survey.baseline.model.terms)
-        if each.goes_with_time and not each.generic and each.id not in names
+        if each.depends_on and not each.generic and each.id not in names
     )
     states, logged = survey.poses.states, survey.torques_logged
     known, _ = computable(of_time, states, logged=logged, weights=True)

@@ -326,7 +326,7 @@ def _why_not_taken(entry: Tried, places: Collection[str]) -> str:
         return "positions and orientations contradict each other: it is no effect of that name"
     if entry.of in places:
         return "what was found in its place predicts as much of it"
-    if any(each.takes_a_place for each in every_effect() if each.id == entry.id):
+    if any(each.role_in_search == "substitute" for each in every_effect() if each.id == entry.id):
         return (
             "it is flexible enough to imitate several others: it is only exchanged for a named "
             "effect"

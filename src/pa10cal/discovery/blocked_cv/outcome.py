@@ -165,7 +165,7 @@ def with_effects_added(found: SearchOutcome, added: Sequence[Judged]) -> SearchO
         return found
     names = {(each.effect.id, each.effect.of) for each in added}
     places = {each.effect.of for each in added if by_arrival(each.effect)}
-    in_time = any(each.effect.goes_with_time for each in added)
+    in_time = any(each.effect.depends_on for each in added)
     kept = [k for k, each in enumerate(found.linear_fit.members) if each.name not in names]
     members = (
         *(found.linear_fit.members[k] for k in kept),
@@ -180,7 +180,7 @@ def with_effects_added(found: SearchOutcome, added: Sequence[Judged]) -> SearchO
         found,
         judged=(*(found.judged[k] for k in kept), *added),
         # the same motion is not reported twice
-        nameless=tuple(each for each in found.nameless if not (in_time and each.goes_with_time)),
+        nameless=tuple(each for each in found.nameless if not (in_time and each.depends_on)),
         tried=tuple(filter(is_still_tried, found.tried)),
         linear_fit=linear_fit(found.rows, members),
     )
@@ -226,7 +226,7 @@ def _with_motion_shown(found: SearchOutcome) -> SearchWithMotion:
     others = (
         term
         for term in fitted.model.terms
-        if not (is_effect(term) and term.goes_with_time) or term in survey.begins_with
+        if not (is_effect(term) and term.depends_on) or term in survey.begins_with
     )
     still = replace(fitted.at, covariance=None).only(*others)
     in_time = in_time_of(still, poses, whiteners, effects, logged=logged, weights=True)

@@ -88,7 +88,7 @@ class Search:
     def _is_needed(self, member: Candidate, without: Array, squares: Array) -> bool:
         """Return whether held-out blocks are predicted enough worse without a member."""
         effect, known = member.effect, member.name in self.begins_with
-        if known and effect.goes_with_time:
+        if known and effect.depends_on:
             # A few poses show it, so that its gain scatters from block to block.
             gain = without - squares
             return float(gain.sum()) > max(self.least_gain, standard_error_of_sum(gain))
@@ -122,7 +122,9 @@ class Search:
 
     def _with_best_addition(self, chosen: EffectSet) -> EffectSet | None:
         """Return the set with the best candidate that helps enough; None if there is none."""
-        others = [each for each in self.others(chosen) if not each.effect.takes_a_place]
+        others = [
+            each for each in self.others(chosen) if each.effect.role_in_search != "substitute"
+        ]
         if not others:
             return None
         squares = chosen.squares_with_each(others)
@@ -177,7 +179,8 @@ class Search:
             rest = chosen.without_member(k)
             squares = rest.squares_with_each(others)
             for j in np.flatnonzero(squares.sum(axis=1) < best_squares):
-                if others[j].effect.takes_a_place and as_good(chosen.squares, squares[j]):
+                substitute = others[j].effect.role_in_search == "substitute"
+                if substitute and as_good(chosen.squares, squares[j]):
                     continue
                 ahead = rest.with_member(others[j])
                 possible = within_bounds(ahead) and both_kinds_agree(rest, ahead)
@@ -240,7 +243,7 @@ class Search:
         places = {effect.of}
         if effect.of == "instrument":
             # The place in the instrument's frame goes with the position of a rail or column.
-            places |= {each.effect.of for each in self.family if each.effect.of_slide}
+            places |= {each.effect.of for each in self.family if each.effect.sits == "slide"}
         return [other for other in names if other.effect.of in places]
 
 

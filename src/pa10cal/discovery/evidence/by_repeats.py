@@ -292,7 +292,7 @@ def _lines(found: EndOfSearch, error_rate: float) -> tuple[Effect, ...]:
 def _sought(problem: EvidenceProblem) -> tuple[Effect, ...]:
     """Return the effects to be sought, without those that only replace others."""
     every = preparation.sought(problem.context, problem.baseline.model.terms)
-    return tuple(effect for effect in every if not effect.takes_a_place)
+    return tuple(effect for effect in every if effect.role_in_search != "substitute")
 
 
 def _with_time(

@@ -11,7 +11,7 @@ from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.terms.effects import effect
 from pa10cal.terms.of_campaign import of_campaign
-from pa10cal.terms.term import TermParameter
+from pa10cal.terms.term import TermParameter, Transferred
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class ArrivalError(effect.JointEffect):
     # names of the campaigns of a group, each with an amount of its own; none of one
     campaigns: tuple[str, ...] = ()
     id = "arrival_error"
-    of_drive = True
+    sits = "driven joint"
     varies_with = "the direction of arrival"
     clauses = (
         "{at} stops in another place for each direction that it comes from",
@@ -34,7 +34,6 @@ class ArrivalError(effect.JointEffect):
     )
     words = "theta_{0.joint} += c, the sign that of the move to here, 0 of a joint that stayed"
     stays_with_arm = False
-    known_elsewhere = False
 
     @classmethod
     def fields_at(cls, context: effect.CandidateContext, joint: int) -> tuple[Any, ...] | None:
@@ -53,9 +52,9 @@ class ArrivalError(effect.JointEffect):
         moved = states.move_from_previous[:, self.joint - 1]
         return np.asarray(moved[:, None] * (campaign[:, None] == np.arange(len(self.reported))))
 
-    def elsewhere(self) -> ArrivalError:
+    def elsewhere(self) -> Transferred:
         """Return the same of one campaign: there it has another amount."""
-        return ArrivalError(self.of)
+        return Transferred(ArrivalError(self.of), same_amounts=False)
 
 
 @dataclass(frozen=True)
@@ -74,7 +73,7 @@ class AlongMove(effect.Effect):
     sits = "arm"
     words = "theta_j += c m_j / max |m|, m the move of all joints from the pose before"
     reported = (TermParameter("c", "rad", 1e-5, plausible=3e-4),)
-    falsifies_log = True
+    error_of = "log"
 
     @classmethod
     def fields_at(cls, context: effect.CandidateContext, joint: int) -> tuple[Any, ...] | None:

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, fields, replace
 from functools import cache, cached_property
 from importlib import import_module
-from typing import Annotated, Any, ClassVar, Literal, Self, TypeGuard, TypeVar
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Self, TypeGuard, TypeVar
 
 import numpy as np
 from pydantic import AfterValidator
@@ -23,7 +23,15 @@ from pa10cal.arm.statics import ObservedTargets, PoseStates, StaticLoads
 from pa10cal.arrays import Array
 from pa10cal.errors import CalibrationError
 from pa10cal.terms import effects
-from pa10cal.terms.term import Report, Role, Term, TermParameter, Traits, report_as_solved
+from pa10cal.terms.term import (
+    Report,
+    Role,
+    Term,
+    TermParameter,
+    Traits,
+    Transferred,
+    report_as_solved,
+)
 
 #: Places whose effects depend on the foundation and the tool of a campaign.
 _OF_PLACE = ("base", "tool")
@@ -97,6 +105,47 @@ _OF_JOINT: dict[str, Callable[[CandidateContext, int], Any]] = {
 }
 
 
+class PossibleRange(NamedTuple):
+    """Lowest and highest possible value of a parameter, and why."""
+
+    lowest: float
+    highest: float
+    why: str
+
+
+class LargestTurn(NamedTuple):
+    """The largest rotation that an effect can cause, and why."""
+
+    rad: float
+    why: str
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What an effect cannot be physically: a name beyond that is refused.
+
+    Where a range or a rotation is limited, the plausible size of the effect is no limit.
+    """
+
+    #: Whether its linear parameters cannot be negative, as those of compliances, friction or lost
+    #: motion; a fit of the other sign is then another effect.
+    positive: bool = False
+    possible: PossibleRange | None = None  # range of its first parameter; None for no such limit
+    turn: LargestTurn | None = None  # None for no such limit
+
+
+#: How searches try an effect.
+RoleInSearch = Literal[
+    "candidate",  # by itself, at every place where it is possible
+    # As it is flexible enough to imitate several others: where blocks judge and weights are stated,
+    # only in place of another effect; under other weights only in sets.
+    "substitute",
+    # Where a residual shows it or a map goes by its name: `discovery/residual_candidates`,
+    # `discovery/short_forms`, `discovery/blocked_cv/map_causes`.
+    "proposed",
+]
+
+
 @dataclass(frozen=True)
 class Effect(Traits):
     """A term of the vocabulary; its linear parameters are zero where the effect is absent.
@@ -108,8 +157,17 @@ class Effect(Traits):
 
     of: str  # where it sits: `joint 2`, `forearm`, `base`, ..
     id: ClassVar[str]
-    #: Where it is possible: `joint`, at every joint that turns, or else at this one place.
+
+    # Where it is possible. Asked by `everywhere`; of slides by `discovery/blocked_cv/search`.
+
+    #: `joint`, at every joint that turns; `driven joint`, at those of them with a motor of their
+    #: own, as effects of motor, gear and sensor; `slide`, at every joint that slides before all
+    #: that turn, a rail or column; or else at this one place.
     sits: ClassVar[str]
+
+    # In words. Asked by `terms/wording`, its formula by model files and lists of effects, the
+    # advice by `discovery/verdict`.
+
     #: Its formula as text, in the reported parameters; the effect itself is {0}.
     words: ClassVar[str]
     #: Its noun at one place, and at several if another; {id} is its id in words.
@@ -118,46 +176,29 @@ class Effect(Traits):
     clauses: ClassVar[tuple[str, ...]] = ("there is {id} of {at}",)
     #: What it depends on, in words.
     varies_with: ClassVar[str] = "the pose"
-    #: Whether it is a smooth function that gives the place of a missing effect and no cause.
-    generic: ClassVar[bool] = False
     #: A clause that says what to do where it is found and not named.
     advice: ClassVar[str] = ""
-    #: Whether its linear parameters cannot be negative, as those of compliances, friction or lost
-    #: motion; a fit of the other sign is then another effect.
-    positive: ClassVar[bool] = False
-    #: Lowest and highest possible value of its first parameter, and why; None for no such limit.
-    #: Where it is stated, the plausible size is no limit.
-    possible: ClassVar[tuple[float, float, str] | None] = None
-    #: Largest rotation that it can cause [rad], and why; None for no such limit.
-    most_rad: ClassVar[tuple[float, str] | None] = None
-    #: Power of the weights that its reported parameters are proportional to: -1 of a compliance.
-    weights_power: ClassVar[float] = 0.0
-    #: Whether it is of its joint's motor, gear or sensor; joints that only follow others have none.
-    of_drive: ClassVar[bool] = False
-    #: Whether it moves the link before its joint, which has to bend in the chain.
-    on_link: ClassVar[bool] = False
-    #: Whether it is an error of the instrument's readings, not of the robot.
-    falsifies_readings: ClassVar[bool] = False
-    #: Whether it is of a joint that slides before any that turns, a rail or a column.
-    of_slide: ClassVar[bool] = False
-    #: Whether only differences of its amounts are identifiable: their mean goes with the lengths.
-    by_differences: ClassVar[bool] = False
-    #: Whether it is a fault of the whole log, which is reported as such and not as an effect.
-    fault: ClassVar[bool] = False
-    #: Whether it depends on time or temperature.
-    goes_with_time: ClassVar[bool] = False
-    #: Whether searches try it; else it names what was found in another form.
-    sought: ClassVar[bool] = True
-    #: Whether it is flexible enough to imitate several others. Where blocks judge and weights are
-    #: stated, it then only replaces another effect; under other weights it joins sets alone.
-    takes_a_place: ClassVar[bool] = False
+
+    # Which amounts are credible. Asked by `discovery/refitted_verdict`; of the sign also by
+    # `discovery/together` and lists of effects.
+
+    limits: ClassVar[Limits] = Limits()
+    #: Whether each linear parameter has a meaning by itself, and one of them has to be
+    #: significant; not of sine and cosine, which count together.
+    amounts_stand_alone: ClassVar[bool] = True
+
+    # Its part in searches. Asked by both scorers of `discovery/`.
+
+    #: Whether it is a smooth function that gives the place of a missing effect and no cause.
+    generic: ClassVar[bool] = False
+    role_in_search: ClassVar[RoleInSearch] = "candidate"
+    #: Whether it moves the link before its joint, for which `discovery/given` lets that link bend.
+    on_link_before: ClassVar[bool] = False
 
     @classmethod
     def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
         """Return the effect at every place where it may sit."""
-        joints: tuple[int, ...] = (0,)
-        if cls.sits == "joint":
-            joints = (driven_joints if cls.of_drive else turning_joints)(context)
+        joints = _JOINTS[cls.sits](context) if cls.sits in _JOINTS else (0,)
         rest = {joint: cls.fields_at(context, joint) for joint in joints}
         return tuple(
             cls(f"joint {joint}" if joint else cls.sits, *fields)
@@ -193,8 +234,7 @@ class Effect(Traits):
 
     def report(self, x: Array) -> Report:
         """Return the parameters as readers know them."""
-        report = report_as_solved(self.reported, x)
-        return replace(report, by_weights=self.weights_power * x) if self.weights_power else report
+        return report_as_solved(self.reported, x)
 
     @property
     def formula(self) -> str:
@@ -212,21 +252,29 @@ class Effect(Traits):
 
     @property
     def stays_with_arm(self) -> bool:
-        moved = self.of in _OF_PLACE and self.goes_with_time
+        moved = self.of in _OF_PLACE and self.depends_on is not None
         return not moved and self.of != "instrument"
 
-    @property
-    def known_elsewhere(self) -> bool:
-        return self.of not in _OF_PLACE
+    def elsewhere(self) -> Transferred | None:
+        """Return the effect for another campaign; of base or tool it has other amounts there."""
+        of_place = self.of in _OF_PLACE
+        return Transferred(self, same_amounts=not of_place) if self.stays_with_arm else None
 
     @property
-    def in_sets(self) -> bool:
-        """Return whether sets of effects under unknown weights may contain it."""
-        return True
+    def as_scale_of_instrument(self) -> bool:
+        """Return whether a wrong scale of the instrument has the same effect.
+
+        That scale is in no set of effects under unknown weights, hence nor are its likes
+        (`discovery/together`).
+        """
+        return False
 
     @property
     def by_joint(self) -> int | None:
-        """Return the joint, from 1, whose motion causes it at another joint; None for none."""
+        """Return the joint, from 1, whose motion causes it at another joint; None for none.
+
+        Asked by records of findings.
+        """
         return None
 
     @property
@@ -249,9 +297,9 @@ class Effect(Traits):
         """Return the derivative of `shift` by x, (P, m, k)."""
         return self.per_unit(states).reshape(len(states), len(self.coordinates), len(x))
 
-    def turn_limit(self, reach_m: float) -> tuple[float, str] | None:
-        """Return `most_rad` for an arm of this reach [m]."""
-        return self.most_rad
+    def turn_limit(self, reach_m: float) -> LargestTurn | None:
+        """Return the largest rotation that it can cause in an arm of this reach [m]."""
+        return self.limits.turn
 
     def turn_rad(self, states: PoseStates, x: Array) -> float:
         """Return the largest rotation that it causes in some poses [rad]."""
@@ -310,6 +358,20 @@ def driven_joints(context: CandidateContext) -> tuple[int, ...]:
     """Return the joints, from 1, that turn by a motor of their own."""
     own = context.arm.coupling.own
     return tuple(joint for joint in turning_joints(context) if joint - 1 in own)
+
+
+def slides_before_turns(context: CandidateContext) -> tuple[int, ...]:
+    """Return the joints, from 1, that slide before any that turns: rails and columns."""
+    leading = np.logical_and.accumulate(context.arm.prismatic)
+    return tuple((np.flatnonzero(leading) + 1).tolist())
+
+
+#: Joints at which an effect is possible, by where its class `sits`.
+_JOINTS: dict[str, Callable[[CandidateContext], tuple[int, ...]]] = {
+    "joint": turning_joints,
+    "driven joint": driven_joints,
+    "slide": slides_before_turns,
+}
 
 
 def joint_of(place: str) -> int:
@@ -408,7 +470,8 @@ def candidates(context: CandidateContext, held: Iterable[Term] = ()) -> tuple[Ef
     Where weights are not stated, effects that replace others are left to the search for sets.
     """
     stated = weights_known(context.arm).origin == "stated"
-    kinds = (each for each in every_effect() if each.sought and (stated or not each.takes_a_place))
+    roles = {"candidate", "substitute"} if stated else {"candidate"}
+    kinds = (each for each in every_effect() if each.role_in_search in roles)
     return everywhere_but(kinds, context, held)
 
 

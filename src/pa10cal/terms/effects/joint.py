@@ -16,24 +16,24 @@ from pa10cal.terms.term import OPTIONAL, JointTorqueOnly, Report, TermParameter
 
 #: Largest deflection of a joint under its torque [rad], and why. An assumption: twice the 23 mrad
 #: of the softest arm measured, that of a humanoid with torque sensors in its joints.
-WINDS_UP = (0.05, "no joint of an arm winds up by more than 50 mrad")
+WINDS_UP = effect.LargestTurn(0.05, "no joint of an arm winds up by more than 50 mrad")
 #: Least reach of the arms for which that holds [m]. Shorter arms may sag as far at their ends: they
 #: are driven by servos of toys and models, whose joints give way by degrees.
 WINDS_UP_REACH_M = 1.0
 #: The same where positions are those commanded: a servo without integral control stops short by up
 #: to its proportional band.
-STOPS_SHORT = (0.2, "no servo stops short of its command by more than 200 mrad")
+STOPS_SHORT = effect.LargestTurn(0.2, "no servo stops short of its command by more than 200 mrad")
 
 
-def most_wound_up(reach_m: float, *, commanded: bool = False) -> tuple[float, str]:
+def most_wound_up(reach_m: float, *, commanded: bool = False) -> effect.LargestTurn:
     """Return the largest deflection of a joint [rad] of an arm with this reach, and why."""
     if commanded:
         return STOPS_SHORT
     if reach_m >= WINDS_UP_REACH_M:
         return WINDS_UP
-    most_rad = min(WINDS_UP[0] * WINDS_UP_REACH_M / reach_m, STOPS_SHORT[0])
+    most_rad = min(WINDS_UP.rad * WINDS_UP_REACH_M / reach_m, STOPS_SHORT.rad)
     of_short = f"no joint of an arm that reaches {reach_m:.2g} m winds up by more than "
-    return most_rad, f"{of_short}{1e3 * most_rad:.0f} mrad"
+    return effect.LargestTurn(most_rad, f"{of_short}{1e3 * most_rad:.0f} mrad")
 
 
 @dataclass(frozen=True)
@@ -45,16 +45,15 @@ class GearRatioError(effect.JointEffect):
 
     slides: bool = field(default=False, metadata={OPTIONAL: True})  # whether the joint slides
     id = "gear_ratio_error"
-    of_drive = True
+    sits = "driven joint"
     nouns = ("gear ratio", "gear ratios")
     clauses = ("the gear ratio of {at} is off", "the gear ratios of {at} are off")
     words = "{0.coordinates[0]} += eps q_{0.joint}"
     reported = (TermParameter("eps", "1", 1e-5, plausible=3e-4),)
 
     @property
-    def in_sets(self) -> bool:
-        # A scale of the instrument, which is in no set, has the same effect as a pitch.
-        return not self.slides
+    def as_scale_of_instrument(self) -> bool:
+        return self.slides
 
     @classmethod
     def everywhere(cls, context: effect.CandidateContext) -> tuple[Self, ...]:
@@ -80,13 +79,15 @@ class Backlash(effect.JointEffect):
     """
 
     id = "backlash"
-    of_drive = True
+    sits = "driven joint"
     varies_with = "the direction of arrival"
     clauses = ("{at} has lost motion", "{at} have lost motion")
-    positive = True
     # Half of the reversal error. An assumption: makers state up to 15 arcmin for standard planetary
     # gears; worn and hobbyists' gears get four times that.
-    possible = (0.0, 8.7e-3, "gears of arms have at most 1 deg of play")
+    limits = effect.Limits(
+        positive=True,
+        possible=effect.PossibleRange(0.0, 8.7e-3, "gears of arms have at most 1 deg of play"),
+    )
     words = "theta_{0.joint} -= b s_{0.joint}"
     reported = (TermParameter("b", "rad", 1e-5, plausible=3e-4),)
 
@@ -213,6 +214,7 @@ class JointHarmonic(effect.AtJoint):
     words = "theta_{0.joint} += A sin({0.order:g} q_{0.joint} + phi)"
     order_stated: ClassVar[float]  # the order of a class that has one at every joint
     plausible_rad = 3e-4
+    amounts_stand_alone = False
 
     @classmethod
     def fields_at(cls, context: effect.CandidateContext, joint: int) -> tuple[Any, ...] | None:
@@ -255,7 +257,7 @@ class TransmissionError(JointHarmonic):
     """Kinematic error of a harmonic drive: two cycles a turn of the wave generator."""
 
     id = "transmission_error"
-    of_drive = True
+    sits = "driven joint"
     clauses = (
         "the gear of {at} errs twice a turn of its motor",
         "the gears of {at} err twice a turn of their motors",
@@ -287,7 +289,7 @@ class EncoderEccentricity(JointHarmonic):
     """An encoder disk off its centre: one cycle a turn of the joint."""
 
     id = "encoder_eccentricity"
-    of_drive = True
+    sits = "driven joint"
     clauses = (
         "the position sensor of {at} is off centre",
         "the position sensors of {at} are off centre",
@@ -300,7 +302,7 @@ class EncoderEllipticity(JointHarmonic):
     """An encoder disk out of round: two cycles a turn of the joint."""
 
     id = "encoder_ellipticity"
-    of_drive = True
+    sits = "driven joint"
     clauses = (
         "the position sensor of {at} errs twice a turn",
         "the position sensors of {at} err twice a turn",
@@ -326,7 +328,7 @@ class PeriodicError(JointHarmonic):
         "{at} turn wrongly in even waves of their angles",
     )
     order_stated = 3.0
-    sought = False
+    role_in_search = "proposed"
 
     def report(self, x: Array) -> Report:
         known = super().report(x)
@@ -355,13 +357,14 @@ class GearLine(effect.AtJoint):
 
     order: float = 100.0  # order of the line in the spectrum, about which k is fitted
     id = "gear_line"
-    of_drive = True
+    sits = "driven joint"
     clauses = (
         "the gear of {at} errs many times a turn",
         "the gears of {at} err many times a turn",
     )
     words = "theta_{0.joint} += A sin(k q_{0.joint} + phi), k near {0.order:.5g}"
-    sought = False
+    role_in_search = "proposed"
+    amounts_stand_alone = False
     linear = 2  # proportional to its sine and cosine; k shapes it
 
     @property
@@ -401,7 +404,8 @@ class FalseTorque(JointTorqueOnly, effect.JointEffect):
     """An error of one joint's logged torque, with a single parameter; no joint carries it."""
 
     acts_on_joint = False
-    of_drive = True
+    error_of = "log"
+    sits = "driven joint"
 
 
 @dataclass(frozen=True)
@@ -416,7 +420,7 @@ class FrictionTorque(FalseTorque):
         "the logged torques of {at} hold friction",
     )
     words = "logged tau_{0.joint} = tau_{0.joint} + tau_c s_{0.joint}"
-    positive = True
+    limits = effect.Limits(positive=True)
 
     @classmethod
     def fields_at(cls, context: effect.CandidateContext, joint: int) -> tuple[Any, ...] | None:
@@ -467,13 +471,12 @@ class WindsUp(effect.JointEffect):
     """A joint that deflects further under the torque that it carries."""
 
     rated_Nm: float  # rated torque of the joint
-    of_drive = True
+    sits = "driven joint"
     varies_with = "its torque"
     yields = True
-    most_rad = WINDS_UP
-    positive = True
+    limits = effect.Limits(positive=True, turn=WINDS_UP)
 
-    def turn_limit(self, reach_m: float) -> tuple[float, str]:
+    def turn_limit(self, reach_m: float) -> effect.LargestTurn:
         return most_wound_up(reach_m)
 
     def tau_Nm(self, states: PoseStates) -> Array:

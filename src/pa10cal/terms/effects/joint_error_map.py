@@ -190,13 +190,13 @@ class SensorError(JointErrorMap):
     knots: int = FINE
     spectrum: Spectrum | None = TYPICAL
     id = "sensor_error"
-    of_drive = True
+    sits = "driven joint"
     nouns = ("sensor", "sensors")
     clauses = (
         "the position sensor of {at} errs with its angle",
         "the position sensors of {at} err with their angles",
     )
-    sought = False
+    role_in_search = "proposed"
     advice = "; calibrate the joint's sensor against the map"
 
 
@@ -207,8 +207,8 @@ class GearError(JointErrorMap):
     knots: int = FINE
     spectrum: Spectrum | None = TYPICAL
     id = "gear_error"
-    of_drive = True
+    sits = "driven joint"
     nouns = ("gear", "gears")
     clauses = ("the gear of {at} is uneven", "the gears of {at} are uneven")
-    sought = False
+    role_in_search = "proposed"
     advice = "; look at the joint's gear"

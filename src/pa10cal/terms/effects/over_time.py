@@ -13,7 +13,13 @@ from pa10cal.arm.chain import BASE, Chain, long_links
 from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
-from pa10cal.terms.effects.effect import CandidateContext, Effect, time_in
+from pa10cal.terms.effects.effect import (
+    CandidateContext,
+    Effect,
+    Limits,
+    PossibleRange,
+    time_in,
+)
 from pa10cal.terms.effects.structure import LONG_LINKS
 from pa10cal.terms.term import TermParameter
 
@@ -40,7 +46,6 @@ class BaseDrift(Effect):
     clauses = ("the base moved while the campaign lasted",)
     sits = "base"
     coordinates = BASE[:3]
-    goes_with_time = True
 
     @property
     def formula(self) -> str:
@@ -91,11 +96,14 @@ class ThermalGrowth(Effect):
     depends_on = "temperature_C"
     clauses = ("the links grow with temperature",)
     sits = "arm"
-    positive = True
-    goes_with_time = True
     reported = (TermParameter("alpha", "1/K", 5e-7, plausible=2e-5),)
     # A part of the arm that stays colder than the air grows less than its material would.
-    possible = (0.0, 2.6e-5, "arms are of iron and steel (10 to 13e-6) or light metal (to 26e-6)")
+    limits = Limits(
+        positive=True,
+        possible=PossibleRange(
+            0.0, 2.6e-5, "arms are of iron and steel (10 to 13e-6) or light metal (to 26e-6)"
+        ),
+    )
 
     @property
     def formula(self) -> str:
@@ -129,7 +137,12 @@ class LinkGrowth(ThermalGrowth):
 
     id = "link_growth"
     clauses = ("{at} grows with temperature",)
-    possible = (0.0, 1.3e-4, "light metal grows by 26e-6, and no link warms five times as much")
+    limits = Limits(
+        positive=True,
+        possible=PossibleRange(
+            0.0, 1.3e-4, "light metal grows by 26e-6, and no link warms five times as much"
+        ),
+    )
 
     @classmethod
     def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:

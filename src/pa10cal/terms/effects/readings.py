@@ -23,7 +23,7 @@ class FalseReading(Effect):
     targets on it by what that pose leaves.
     """
 
-    falsifies_readings = True
+    error_of = "readings"
     sits = "instrument"
     varies_with = "the place that is read"
     coordinates = TOOL
@@ -54,7 +54,8 @@ class CmmScale(FalseReading):
     Only a machine that moves along three axes has one scale for each; others have `Scale`.
     """
 
-    by_differences = True
+    # Only differences of the scales are identifiable: their mean goes with the lengths.
+    amounts_stand_alone = False
     id = "cmm_scale"
     clauses = ("the scales of the instrument's axes are off",)
     words = "reading of x, y, z = (1 + s_x) x, (1 + s_y) y, (1 + s_z) z"

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from dataclasses import dataclass, field
-from typing import Any, Self
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -12,7 +12,15 @@ from pa10cal.arm.chain import TOOL, Chain, bend_coordinates, frames, link_spans_
 from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index
-from pa10cal.terms.effects.effect import AtJoint, CandidateContext, Effect, Span, static_loads_in
+from pa10cal.terms.effects.effect import (
+    AtJoint,
+    CandidateContext,
+    Effect,
+    LargestTurn,
+    Limits,
+    Span,
+    static_loads_in,
+)
 from pa10cal.terms.effects.structure import Compliance, moment_of_arm_Nm
 from pa10cal.terms.term import OPTIONAL, Report, TermParameter
 
@@ -25,30 +33,24 @@ _DEGREES = 6
 
 @dataclass(frozen=True)
 class AtSlide(AtJoint):
-    """An effect of a joint that slides, on the six small motions of its carriage.
+    """An effect of a rail or column, on the six small motions of its carriage.
 
-    They are those of the frame in which the next joint moves; of the last joint those of the tool.
+    A quill slides by a few centimetres, in which an arm that bends or tilts has nearly the same
+    effect. The motions are of the frame in which the next joint moves; of the last joint those
+    of the tool.
     """
 
-    of_slide = True
+    sits = "slide"
     span_m: Span  # lowest and highest measured position
     along: tuple[float, float, float]  # direction of the stroke, along the axes of that frame
 
     @classmethod
-    def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
-        """Return it at every joint that slides, was moved, and comes before all that turn.
-
-        Those are rails and columns. A quill slides by a few centimetres, in which an arm that bends
-        or tilts has nearly the same effect.
-        """
-        arm = context.arm
-        slides = (np.flatnonzero(np.logical_and.accumulate(arm.prismatic)) + 1).tolist()
-        spans_m = {joint: context.span_at(joint) for joint in slides}
-        return tuple(
-            cls(f"joint {joint}", span_m, _stroke_axis(arm, joint), *fields)
-            for joint, span_m in spans_m.items()
-            if span_m is not None and (fields := cls.fields_of(arm, joint)) is not None
-        )
+    def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
+        """Return its fields at a joint that was moved."""
+        span_m, further = context.span_at(joint), cls.fields_of(context.arm, joint)
+        if span_m is None or further is None:
+            return None
+        return span_m, _stroke_axis(context.arm, joint), *further
 
     @classmethod
     @abstractmethod
@@ -90,7 +92,8 @@ class SlideError(AtSlide):
     nouns = ("slide error", "slide errors")
     clauses = ("{at} does not slide straight and level", "{at} do not slide straight and level")
     # Makers allow a rail a few tenths of a mrad.
-    most_rad = (0.01, "no carriage that slides turns by more than 10 mrad")
+    limits = Limits(turn=LargestTurn(0.01, "no carriage that slides turns by more than 10 mrad"))
+    amounts_stand_alone = False
 
     @classmethod
     def fields_of(cls, arm: Arm, joint: int) -> tuple[Any, ...]:
@@ -194,6 +197,7 @@ class SlidePositioning(AtSlide):
         "{at} slides by a wrong length that depends on its position",
         "{at} slide by wrong lengths that depend on their positions",
     )
+    amounts_stand_alone = False
 
     @classmethod
     def fields_of(cls, arm: Arm, joint: int) -> tuple[Any, ...]:
@@ -252,7 +256,7 @@ class SlideBending(Compliance, AtSlide):
         "c (M / 2 + s x F / 3) x s v, M and F what it carries there across s, v from 0 at "
         "{0.span_m[0]:g} m to 1 at {0.span_m[1]:g} m, s the way from the first"
     )
-    most_rad = SlideError.most_rad
+    limits = replace(SlideError.limits, positive=True)
 
     @classmethod
     def fields_of(cls, arm: Arm, joint: int) -> tuple[Any, ...] | None:
@@ -290,9 +294,8 @@ class SlideScale(Effect):
     reported = (TermParameter("s", "1", 1e-5, plausible=1e-4),)
 
     @property
-    def in_sets(self) -> bool:
-        # The scale of the instrument is in no set.
-        return False
+    def as_scale_of_instrument(self) -> bool:
+        return True
 
     @classmethod
     def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:

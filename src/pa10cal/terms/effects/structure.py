@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -11,8 +11,15 @@ from pa10cal.arm.chain import BASE, Chain, bend_coordinates, frames, link_spans_
 from pa10cal.arm.description import Arm, weights_known
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
-from pa10cal.terms.effects.effect import AtJoint, CandidateContext, Effect, static_loads_in
-from pa10cal.terms.term import OPTIONAL, TermParameter
+from pa10cal.terms.effects.effect import (
+    AtJoint,
+    CandidateContext,
+    Effect,
+    LargestTurn,
+    Limits,
+    static_loads_in,
+)
+from pa10cal.terms.term import OPTIONAL, Report, TermParameter
 
 LONG_LINKS = ("upper_arm", "forearm")
 GRAVITY_M_S2 = 9.81
@@ -37,8 +44,7 @@ class Compliance(Effect):
     scale_and_size: ClassVar[tuple[float, float]] = (1e-7, 3e-6)
     varies_with = "the load"
     bends = True
-    positive = True
-    weights_power = -1.0
+    limits = Limits(positive=True)
 
     @property
     def reported(self) -> tuple[TermParameter, ...]:
@@ -54,6 +60,10 @@ class Compliance(Effect):
         unit = "rad/(N m)"
         return tuple(TermParameter(name, unit, scale, plausible=size) for name in self.names)
 
+    def report(self, x: Array) -> Report:
+        """Return its compliances, which are proportional to the inverse of the weights."""
+        return replace(super().report(x), by_weights=-x)
+
 
 @dataclass(frozen=True)
 class LinkEffect(Compliance):
@@ -67,7 +77,10 @@ class LinkEffect(Compliance):
     places: ClassVar[tuple[str, ...]] = LONG_LINKS
     # An aluminium tube of 60 mm and 3 mm wall, 0.4 m long, twists by 0.035 mrad per N m (L / G J):
     # 100 N m, for which no arm would have it, make 3.5 mrad.
-    most_rad = (0.01, "no link of an arm turns at its end by more than 10 mrad")
+    limits = Limits(
+        positive=True,
+        turn=LargestTurn(0.01, "no link of an arm turns at its end by more than 10 mrad"),
+    )
 
     @classmethod
     def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
@@ -154,10 +167,12 @@ class LateralCompliance(Compliance, AtJoint):
         "moment there across the joint's axis"
     )
     names: ClassVar[tuple[str, ...]] = ("C_x", "C_y")
-    on_link = True
-    takes_a_place = True
+    on_link_before = True
+    role_in_search = "substitute"
     # Crossed roller bearings of joints are as stiff as 1e5 N m/rad and more: 1000 N m make 10 mrad.
-    most_rad = (0.01, "no bearing of an arm tilts by more than 10 mrad")
+    limits = Limits(
+        positive=True, turn=LargestTurn(0.01, "no bearing of an arm tilts by more than 10 mrad")
+    )
 
     @classmethod
     def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
@@ -200,8 +215,8 @@ class AxisWobble(AtJoint):
         "x_c cos 2 q_{0.joint} + x_s sin 2 q_{0.joint}, about y by b_s cos q_{0.joint} - b_c sin "
         "q_{0.joint} + y_c cos 2 q_{0.joint} + y_s sin 2 q_{0.joint}"
     )
-    on_link = True
-    sought = False
+    on_link_before = True
+    role_in_search = "proposed"
     # ISO 492 allows inner rings of 50 to 180 mm a radial run-out of 20 to 30 um in class Normal and
     # of 5 to 8 in P5: an eighth of that between two bearings 100 mm apart are 30 to 60 urad.
     reported = tuple(
@@ -209,7 +224,7 @@ class AxisWobble(AtJoint):
         for name in ("b_c", "b_s", "x_c", "x_s", "y_c", "y_s")
     )
     # Two rings of class Normal, run out to opposite sides by 30 um, stand 30 mm apart at least.
-    most_rad = (2e-3, "no axis between bearings wobbles by more than 2 mrad")
+    limits = Limits(turn=LargestTurn(2e-3, "no axis between bearings wobbles by more than 2 mrad"))
 
     @classmethod
     def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
@@ -257,7 +272,10 @@ class BaseCompliance(Compliance):
     coordinates = ("base.rx", "base.ry")
     names = ("cx", "cy")
     # A pedestal of which the top turns by this much stands loose: 1 mm for each 0.1 m of height.
-    most_rad = (0.01, "no base that is bolted down tilts by more than 10 mrad")
+    limits = Limits(
+        positive=True,
+        turn=LargestTurn(0.01, "no base that is bolted down tilts by more than 10 mrad"),
+    )
 
     @classmethod
     def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...]:
@@ -279,7 +297,7 @@ class ToolSag(Effect):
     words = "tool.x, tool.y += c times the part of the unit vector of gravity along them"
     reported = (TermParameter("c", "m", 3e-6, plausible=1e-4),)
     coordinates = ("tool.x", "tool.y")
-    positive = True
+    limits = Limits(positive=True)
 
     def per_unit(self, states: PoseStates) -> Array:
         return static_loads_in(states, self).down_ee[:, :2]

@@ -181,7 +181,6 @@ class DriftMap(Effect):
     sits = "base"
     words = "each motion of the base += Legendre polynomials 1 to {0.degrees} of time"
     coordinates = BASE
-    goes_with_time = True
     generic = True
     degrees = 3
 

@@ -18,7 +18,7 @@ import numpy as np
 from pa10cal.arm.chain import long_links
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
-from pa10cal.terms.effects.effect import AtJoint, CandidateContext, Effect, time_in
+from pa10cal.terms.effects.effect import AtJoint, CandidateContext, Effect, Limits, time_in
 from pa10cal.terms.effects.over_time import lengths_of, motions_by_link
 from pa10cal.terms.effects.structure import LONG_LINKS
 from pa10cal.terms.term import TermParameter
@@ -38,8 +38,8 @@ class WarmsUp(Effect):
     span_s: float  # from there to the last one
     tau_s: float  # time constant about which tau is fitted
     depends_on = "time_s"
-    goes_with_time = True
-    sought = False
+    role_in_search = "proposed"
+    stays_with_arm = False
     linear = 1  # proportional to A; tau shapes it
 
     @classmethod
@@ -54,14 +54,6 @@ class WarmsUp(Effect):
         """Return the time constant as a parameter."""
         low, high = _SHORTEST * self.span_s, _LONGEST * self.span_s
         return TermParameter("tau", "s", _USUAL * self.span_s, lower=low, upper=high)
-
-    @property
-    def stays_with_arm(self) -> bool:
-        return False
-
-    @property
-    def known_elsewhere(self) -> bool:
-        return False
 
     @property
     def starts(self) -> tuple[Array, ...]:
@@ -118,7 +110,7 @@ class LinkWarmUp(WarmsUp):
     lengths_m: tuple[float, ...]  # their nominal values, in whose proportion they grow
     id = "link_warm_up"
     clauses = ("{at} grew while the arm warmed up",)
-    positive = True
+    limits = Limits(positive=True)
 
     @classmethod
     def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
