@@ -79,7 +79,7 @@ def is_sure(verdict):
     and where weights can take up nearly all that it does 0.89: it is `ambiguous` (decision 59).
     """
     (found,) = verdict.effects
-    return verdict.verdict in ("named", "ambiguous") and found.explanations.of(found.effect) > 0.85
+    return verdict.verdict in ("named", "ambiguous") and found.probability > 0.85
 
 
 ONE_TARGET = ("points", ECCENTRIC, {"targets": 1})

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from pa10cal.discovery.explained import ErrorsOfModels, explained_by, explained_errors
-from pa10cal.discovery.finding import Finding, GivesWay
+from pa10cal.discovery.finding import Finding
+from pa10cal.discovery.proof import ComplianceProof
 from pa10cal.results.discovery import ExplainedEffect
 from pa10cal.results.record import EffectName
 from pa10cal.terms import wording
@@ -153,7 +154,7 @@ def test_springs_of_the_calibration_join_before_the_effects():
 @pytest.mark.parametrize(("calibrated_mm", "all_rigid_mm"), [(0.3, 0.6), (0.9, 0.6)])
 def test_before_is_the_model_without_springs_and_without_effects(calibrated_mm, all_rigid_mm):
     # With joints rigid the effects stay in the model, so what they leave may be less than before.
-    proof = GivesWay.model_construct(
+    proof = ComplianceProof.model_construct(
         weights="logged", without_each_mm=errors(0.4), all_rigid_each_mm=errors(all_rigid_mm)
     )
     spring, eccentric = (

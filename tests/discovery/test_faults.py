@@ -7,9 +7,10 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
+from pa10cal.discovery.finding import is_named
 from pa10cal.discovery.log_faults import DiagnosedFault, fault_of, faults_of_input, to_check
 from pa10cal.discovery.preparation import effects_in
-from pa10cal.discovery.verdict import Verdict, is_named
+from pa10cal.discovery.verdict import Verdict
 from pa10cal.fit.fitted import FittedTo
 from pa10cal.results.calibration import InputFinding
 from pa10cal.terms.effects.over_time import BaseDrift

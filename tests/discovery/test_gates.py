@@ -198,7 +198,9 @@ def test_an_effect_of_the_instrument_is_no_better_than_another(wave):
 def test_an_unlikely_effect_of_the_instrument_goes_whatever_held_out_poses_say(monkeypatch, wave):
     """Their readings are false as it says, or the base is moved for nothing."""
     two = beside(wave, ("cmm_squareness", "instrument"))
-    monkeypatch.setattr(gates, "in_doubt", lambda _found, name: replace(name, unknown=0.9))
+    monkeypatch.setattr(
+        gates, "with_unknown_cause", lambda _found, name: replace(name, unknown_probability=0.9)
+    )
     monkeypatch.setattr(gates, "harmed", lambda _after, before=None: before is not None)
     assert names(gates._without_unlikely_names(two)) == names(wave.discovery)
 

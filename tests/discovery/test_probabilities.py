@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pa10cal.discovery import verdict
-from pa10cal.discovery.finding import Explanations, Finding, Rival, UnknownBeside
+from pa10cal.discovery.finding import Explanations, Finding, Rival
+from pa10cal.discovery.proof import UnknownCause
 from pa10cal.discovery.rules import PROBABILITIES
 from pa10cal.terms.effects.joint import Backlash, GearRatioError
 from pa10cal.terms.effects.over_time import BaseDrift
@@ -35,26 +36,26 @@ def blocks(*nats):
 
 def test_nothing_else_tried_leaves_what_is_unknown():
     said = finding().explanations
-    assert said.of(BACKLASH) == pytest.approx(SURE)
+    assert said.probability(BACKLASH) == pytest.approx(SURE)
     assert said.none_of_these == pytest.approx(PROBABILITIES.unknown)
     assert said.smallest_set == (BACKLASH,)
 
 
 def test_by_repeats_odds_are_those_of_the_evidence():
     said = finding(Rival(GEAR, np.array([-np.log(4.0)]))).explanations
-    assert said.of(BACKLASH) == pytest.approx(0.8 * SURE)
-    assert said.of(GEAR) == pytest.approx(0.2 * SURE)
+    assert said.probability(BACKLASH) == pytest.approx(0.8 * SURE)
+    assert said.probability(GEAR) == pytest.approx(0.2 * SURE)
     assert said.smallest_set == (BACKLASH, GEAR)
 
 
 def test_what_is_as_good_and_has_no_score_is_as_likely():
     said = finding(alternatives=(GEAR,)).explanations
-    assert said.of(GEAR) == pytest.approx(said.of(BACKLASH))
+    assert said.probability(GEAR) == pytest.approx(said.probability(BACKLASH))
 
 
 def test_an_alternative_takes_the_place_of_an_effect_where_nothing_has_a_score():
-    other = finding(alternatives=(GEAR,)).exchanged_for(GEAR)
-    assert other.explanations.of(BACKLASH) == pytest.approx(other.explanations.of(GEAR))
+    other = finding(alternatives=(GEAR,)).exchanged_for(GEAR).explanations
+    assert other.probability(BACKLASH) == pytest.approx(other.probability(GEAR))
 
 
 def test_a_finding_in_whose_place_another_fits_better_is_the_less_likely():
@@ -67,14 +68,14 @@ def test_blocks_that_contradict_each_other_leave_both_likely():
     said = finding(
         Rival(GEAR, blocks(-1.2)), Rival(ELSEWHERE, blocks(-12.0, *[0.0] * 9))
     ).explanations
-    assert said.of(GEAR) < 1e-3
-    assert said.of(ELSEWHERE) > 0.03
+    assert said.probability(GEAR) < 1e-3
+    assert said.probability(ELSEWHERE) > 0.03
 
 
 def test_what_has_no_name_makes_none_of_these_likely():
     weight = PROBABILITIES.flexible
     said = finding(Rival(NAMELESS, np.zeros(1), weight)).explanations
-    assert said.of(NAMELESS) == 0.0
+    assert said.probability(NAMELESS) == 0.0
     assert said.none_of_these == pytest.approx(PROBABILITIES.unknown + SURE * weight / (1 + weight))
 
 
@@ -108,7 +109,7 @@ def test_the_smallest_set_holds_what_is_there(shares, none, members):
 
 def test_listed_is_what_is_likely_enough():
     near, far = Rival(GEAR, np.array([-2.0])), Rival(ELSEWHERE, np.array([-12.0]))
-    listed = finding(near, far, alternatives=(ELSEWHERE,)).with_likely()
+    listed = finding(near, far, alternatives=(ELSEWHERE,)).with_likely_alternatives()
     assert listed.alternatives == (GEAR,)
     record = listed.explanations
     assert record.named[0][0] == BACKLASH
@@ -119,8 +120,8 @@ def test_a_name_is_less_likely_with_every_rival_that_is_as_good():
         finding(Rival(GEAR, np.zeros(1))),
         finding(Rival(GEAR, np.zeros(1)), Rival(ELSEWHERE, np.zeros(1))),
     )
-    assert alone.explanations.of(BACKLASH) == pytest.approx(SURE / 2)
-    assert both.explanations.of(BACKLASH) == pytest.approx(SURE / 3)
+    assert alone.explanations.probability(BACKLASH) == pytest.approx(SURE / 2)
+    assert both.explanations.probability(BACKLASH) == pytest.approx(SURE / 3)
 
 
 def test_another_form_of_the_effect_is_no_other_name():
@@ -128,8 +129,8 @@ def test_another_form_of_the_effect_is_no_other_name():
     found = Finding(BaseDrift("base", 0.0, 100.0, 1), np.zeros(6), np.eye(6), (other,), object())
     for rivals in ((), (Rival(other, np.array([3.0])),)):
         said = replace(found, rivals=rivals)
-        assert said.explanations.of(found.effect) == pytest.approx(SURE)
-        assert said.with_likely().alternatives == ()
+        assert said.explanations.probability(found.effect) == pytest.approx(SURE)
+        assert said.with_likely_alternatives().alternatives == ()
 
 
 @given(st.floats(0.01, 1.0), st.floats(0.0, 1.0), st.floats(0.0, 1.0), st.floats(0.001, 0.1))
@@ -138,7 +139,7 @@ def test_the_more_is_left_of_an_error_the_likelier_something_else_makes_it(
 ):
     with_mm = part * without_mm
     left = [
-        UnknownBeside(without_mm, each, odds=12.0, power=0.3) for each in (less * with_mm, with_mm)
+        UnknownCause(without_mm, each, odds=12.0, power=0.3) for each in (less * with_mm, with_mm)
     ]
     little, much = (each.probability(floor_mm) for each in left)
     assert PROBABILITIES.unknown <= little <= much <= 1.0
@@ -147,7 +148,7 @@ def test_the_more_is_left_of_an_error_the_likelier_something_else_makes_it(
 @given(st.floats(1.0, 5.0), st.floats(1.0, 5.0))
 def test_the_more_is_left_over_noise_the_less_likely_is_any_name(one, more):
     def beside(left_mm):  # what it takes over what it leaves is the same
-        return UnknownBeside(np.sqrt(2.0) * left_mm, left_mm, **KNOWN)
+        return UnknownCause(np.sqrt(2.0) * left_mm, left_mm, **KNOWN)
 
     little, much = (beside(left_mm).probability(0.01) for left_mm in (0.03, 0.03 * one))
     rounding = 1e-14
@@ -159,20 +160,20 @@ def test_the_more_is_left_over_noise_the_less_likely_is_any_name(one, more):
 
 
 def test_odds_are_those_stated_where_as_much_is_taken_as_is_left():
-    taken = UnknownBeside(np.sqrt(2.0), 1.0, odds=3.0, power=0.3)
+    taken = UnknownCause(np.sqrt(2.0), 1.0, odds=3.0, power=0.3)
     assert taken.probability(0.0) == pytest.approx(0.25)
-    assert UnknownBeside(1.0, 0.0, odds=12.0, power=0.3).probability(0.0) == PROBABILITIES.unknown
+    assert UnknownCause(1.0, 0.0, odds=12.0, power=0.3).probability(0.0) == PROBABILITIES.unknown
 
 
 def test_what_removes_nothing_has_no_odds_even_if_nothing_is_left():
-    assert UnknownBeside(0.0, 0.0, odds=12.0, power=0.3).probability(0.0) == 1.0
+    assert UnknownCause(0.0, 0.0, odds=12.0, power=0.3).probability(0.0) == 1.0
 
 
 def test_noise_alone_leaves_nothing_for_another_cause():
     errors_mm = np.random.default_rng(3).normal(size=(2000, 3))
     floor_mm = float(np.linalg.norm(errors_mm, axis=1).mean())
     rms_mm = float(np.sqrt(np.mean(np.sum(errors_mm**2, axis=1))))
-    assert UnknownBeside(5.0 * rms_mm, rms_mm, **KNOWN).probability(floor_mm) < 0.05
+    assert UnknownCause(5.0 * rms_mm, rms_mm, **KNOWN).probability(floor_mm) < 0.05
 
 
 @given(
@@ -189,7 +190,7 @@ def test_another_name_in_its_place_makes_nothing_more_probable(nats, other, weig
     assert GEAR not in swapped.alternatives
     before, after = told.explanations, swapped.explanations
     for effect in (BACKLASH, GEAR, ELSEWHERE):
-        assert after.of(effect) == pytest.approx(before.of(effect), abs=1e-9)
+        assert after.probability(effect) == pytest.approx(before.probability(effect), abs=1e-9)
     assert after.none_of_these == pytest.approx(before.none_of_these, abs=1e-9)
 
 
@@ -207,8 +208,8 @@ def test_another_form_of_the_effect_stays_no_rival_after_an_exchange():
     told = Finding(forms[0], np.zeros(6), np.eye(6), (), object(), rivals)
     swapped = told.exchanged_for(GEAR).explanations
     for effect in (forms[0], GEAR):
-        assert told.explanations.of(effect) == pytest.approx(SURE / 2)
-        assert swapped.of(effect) == pytest.approx(SURE / 2)
+        assert told.explanations.probability(effect) == pytest.approx(SURE / 2)
+        assert swapped.probability(effect) == pytest.approx(SURE / 2)
 
 
 def test_an_effect_that_is_larger_than_such_effects_are_is_in_doubt(monkeypatch, wave):
@@ -217,7 +218,7 @@ def test_an_effect_that_is_larger_than_such_effects_are_is_in_doubt(monkeypatch,
     unknown = []
     for size in (0.5, 2.0, 4.0, 8.0):
         monkeypatch.setattr(verdict, "_plausible_sizes", lambda *_, size=size: size)
-        unknown.append(verdict.in_doubt(wave.discovery, finding).unknown)
+        unknown.append(verdict.with_unknown_cause(wave.discovery, finding).unknown_probability)
     assert unknown[0] == unknown[1] == pytest.approx(PROBABILITIES.unknown)
     odds = [each / (1.0 - each) for each in unknown]
     assert np.divide(odds, odds[0]) == pytest.approx([1.0, 1.0, 8.0, 64.0])

@@ -144,7 +144,7 @@ class TestReadings:
 
 class TestNamesThatOnePoseCarries:
     def test_an_effect_of_all_poses_has_no_carrier(self, wave):
-        assert [finding.proof.carrier for finding in wave.discovery.findings] == [None]
+        assert [finding.proof.influential_pose for finding in wave.discovery.findings] == [None]
 
     def test_one_pose_is_no_evidence(self, null, wave):
         """Of the wave one pose has its part, ten times over, and the others have none."""
@@ -155,9 +155,9 @@ class TestNamesThatOnePoseCarries:
         one = replace(null, readings=null.readings.with_measured(T_instr_target=T))
         effect = wave.discovery.findings[0].effect
         (proof,) = confirm(one.problem, forced(one, (effect,), (1,)), needed=1e9)
-        assert proof.carrier == pose
+        assert proof.influential_pose == pose
         (proof,) = confirm(wave.problem, forced(wave, (effect,), (1,)), needed=1e9)
-        assert proof.carrier is None
+        assert proof.influential_pose is None
 
     def test_its_pose_is_left_out_and_told(self, null):
         pose = null.readings.pose[40]
@@ -173,7 +173,9 @@ class TestNamesThatOnePoseCarries:
     def test_it_is_wrong_only_if_the_rest_fits(self, rest_fits, wave, monkeypatch):
         pose, first = wave.readings.pose[40], wave.discovery
         (finding,) = first.findings
-        carried = replace(finding, proof=finding.proof.model_copy(update={"carrier": pose}))
+        carried = replace(
+            finding, proof=finding.proof.model_copy(update={"influential_pose": pose})
+        )
         unknown = Unexplained(of=None, form=None, shared_error_mm=0.1, why="no effect explains it")
         without = replace(first, findings=(), unexplained=() if rest_fits else (unknown,))
         answers = [replace(first, findings=(carried,)), without]

@@ -150,7 +150,7 @@ def test_equal_leads_are_as_likely_as_the_scale_of_the_instrument(tmp_path):
     found = pa10cal.discover(campaign, pa10cal.calibrate(campaign))
     (name,) = found.effects
     assert (name.id, [other.id for other in name.alternatives]) == ("slide_scale", ["scale"])
-    assert name.explanations.of(name.effect) == pytest.approx(0.5, abs=0.02)
+    assert name.probability == pytest.approx(0.5, abs=0.02)
     assert name.parameters["s"].value == pytest.approx(60e-6, abs=4e-6)
     assert found.holdout.after.rms_mm < 1.1 * 0.02 * np.sqrt(3.0)
     # Under the other explanation the robot is smaller by as much: predictions hold both.
@@ -172,7 +172,7 @@ def test_a_lead_beside_a_scale_may_be_those_of_the_other_axes(tmp_path):
     found = pa10cal.discover(campaign, pa10cal.calibrate(campaign))
     (lead,) = (name for name in found.effects if name.id == "gear_ratio_error")
     assert lead.of == "joint 2"
-    assert lead.explanations.of(lead.effect) == pytest.approx(0.5, abs=0.02)
+    assert lead.probability == pytest.approx(0.5, abs=0.02)
     assert [other.of for other in lead.alternatives] == ["joint 1", "joint 3"]
 
 

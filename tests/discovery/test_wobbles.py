@@ -69,7 +69,7 @@ def test_an_axis_that_tilts_is_no_link_that_bends_where_weights_are_stated(tmp_p
     found = pa10cal.discover(campaign, pa10cal.calibrate(campaign))
     (tilt,) = found.effects
     assert (tilt.id, tilt.of) == ("lateral_compliance", "joint 4")
-    assert tilt.explanations.of(tilt.effect) > 0.9
+    assert tilt.probability > 0.9
     for each in tilt.parameters.values():
         assert 0.6 < each.value / 3e-5 < 1.2  # less, as it is expected to be small
 

@@ -19,13 +19,14 @@ from pa10cal.arm.description import weights_known
 from pa10cal.arrays import Array, Mask, rms
 from pa10cal.calibration import rules as calibration_rules
 from pa10cal.discovery import jacobians
-from pa10cal.discovery.finding import Finding, GivesWay, Rival, name_of
+from pa10cal.discovery.finding import Finding, Rival, name_of
 from pa10cal.discovery.model_with_effects import all_unknowns
 from pa10cal.discovery.pose_scatter import pose_weights
 from pa10cal.discovery.position_errors import position_error_mm
+from pa10cal.discovery.proof import ComplianceProof, needed_nats
 from pa10cal.discovery.rules import NAMES, SPRINGS
 from pa10cal.discovery.together import Together
-from pa10cal.discovery.verdict import Basis, Verdict, in_doubt
+from pa10cal.discovery.verdict import Basis, Verdict, with_unknown_cause
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.problem import possible_sizes
 from pa10cal.numerics.gaussian import Gaussian
@@ -58,9 +59,9 @@ def with_compliance(found: Verdict[S]) -> Verdict[S]:
         return found
     problem = _LinearProblem.of(found)
     rivals = _rivals(found, problem)
-    if found.weights_assumed and found.scorer.of_sets:
+    if found.weights_assumed and found.scorer.adds_rivals_of_sets:
         found = replace(found, findings=tuple(_with_more(each, rivals) for each in found.findings))
-    needed = float(np.log(max(found.candidates, len(springs)) / found.error_rate))
+    needed = needed_nats(max(found.candidates, len(springs)), found.error_rate)
     nats = {spring: problem.nats_lost_if_rigid(spring) for spring in springs}
     shown = [s for s in springs if nats[s] >= needed and (JointCompliance.id, s.of) in rivals]
     shown.sort(key=lambda spring: -nats[spring])
@@ -72,7 +73,7 @@ def with_compliance(found: Verdict[S]) -> Verdict[S]:
             unexplained.append(too_far)
             continue
         rigid = problem.rigid(spring)
-        proof = GivesWay(
+        proof = ComplianceProof(
             lost_without_it_nats=nats[spring],
             needed_nats=needed,
             sag_mrad=1e3 * stiffness.sag_rad,
@@ -87,16 +88,16 @@ def with_compliance(found: Verdict[S]) -> Verdict[S]:
             weights=_relative_to(found),
         )
         of_spring = rivals[JointCompliance.id, spring.of]
-        finding = in_doubt(found, _finding(spring, stiffness, proof, of_spring))
-        few = len(finding.with_likely().alternatives) <= NAMES.most_alternatives
-        if few and not finding.is_unlikely:
+        finding = with_unknown_cause(found, _finding(spring, stiffness, proof, of_spring))
+        few = len(finding.with_likely_alternatives().alternatives) <= NAMES.most_alternatives
+        if few and not finding.is_probably_nameless:
             findings.append(finding)
     return replace(found, gives_way=tuple(findings), unexplained=tuple(unexplained))
 
 
 def _finding(
-    spring: JointSpring, stiffness: _Stiffness, proof: GivesWay, rivals: tuple[Rival, ...]
-) -> Finding[GivesWay]:
+    spring: JointSpring, stiffness: _Stiffness, proof: ComplianceProof, rivals: tuple[Rival, ...]
+) -> Finding[ComplianceProof]:
     """Return the finding of a joint that gives way."""
     return Finding(
         effect=JointCompliance(spring.of, spring.tau_ref_Nm),

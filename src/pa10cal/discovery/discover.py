@@ -19,6 +19,7 @@ from pa10cal.discovery import jacobians
 from pa10cal.discovery.blocked_cv.survey import LEAST_FOR_BLOCKS
 from pa10cal.discovery.compliance import with_compliance
 from pa10cal.discovery.field import field_of, with_field
+from pa10cal.discovery.finding import is_named, label_of
 from pa10cal.discovery.gap import PairedErrors, errors_of, gap
 from pa10cal.discovery.gates import gated, with_other_readings
 from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit
@@ -39,10 +40,8 @@ from pa10cal.discovery.verdict import (
     Predicted,
     Scorer,
     Verdict,
-    is_named,
     is_sought,
-    label_of,
-    with_likely,
+    with_likely_alternatives,
 )
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.fitted_model import FittedModel
@@ -85,7 +84,7 @@ def discover(
     found = _without_influential_poses(_judged(campaign, model), model)
     if is_sought(found):
         found = with_lines_named(with_proposals(_likelier(found, gated(found))))
-    found = with_likely(with_predicted(with_compliance(found)))
+    found = with_likely_alternatives(with_predicted(with_compliance(found)))
     return with_friction_of_log(with_other_readings(found))
 
 
@@ -98,14 +97,18 @@ def _without_influential_poses(found: Verdict, model: FittedModel) -> Verdict:
     """
     for _ in range(JUDGING.most_carriers):
         # A map states no cause, and may be shown by a single pose.
-        carried = [one for one in found.effects if one.proof.carrier and is_named(one.effect)]
-        if not (is_sought(found) and carried):
+        pose_of = {
+            one: one.proof.influential_pose
+            for one in found.effects
+            if one.proof.influential_pose is not None and is_named(one.effect)
+        }
+        if not (is_sought(found) and pose_of):
             break
-        first, pose = carried[0], str(carried[0].proof.carrier)
+        first, pose = next(iter(pose_of.items()))
         fault = influential_pose(pose, label_of(first.effect, None), first.proof.explains)
         without = _judged(found.prepared.without_pose(pose, fault), model)
         if without.unexplained:
-            reasons = {one: f"pose {one.proof.carrier} alone carries it" for one in carried}
+            reasons = {one: f"pose {pose} alone carries it" for one, pose in pose_of.items()}
             return without_names(found, reasons, found.train.after.mean_mm)
         found = without
     return found

@@ -15,7 +15,8 @@ from typing import Literal
 import numpy as np
 
 from pa10cal.arrays import Array, rms
-from pa10cal.discovery.finding import Finding, GivesWay, name_of
+from pa10cal.discovery.finding import Finding, name_of
+from pa10cal.discovery.proof import ComplianceProof
 from pa10cal.discovery.rules import JUDGING
 from pa10cal.discovery.tuning import FIELD
 from pa10cal.results.discovery import Explained, ExplainedEffect
@@ -35,7 +36,7 @@ class ErrorsOfModels:
 
 
 def explained_errors(
-    errors: ErrorsOfModels, springs: Sequence[Finding[GivesWay]], by_joint: Array | None
+    errors: ErrorsOfModels, springs: Sequence[Finding[ComplianceProof]], by_joint: Array | None
 ) -> Explained | None:
     """Return what springs, effects and field explain; None where the error is not above noise.
 
@@ -64,9 +65,9 @@ def taken_away(
     weights: Literal["assumed"] | None = None,
 ) -> ExplainedEffect:
     """Return the effect of a finding on errors (P,), its share not yet known."""
-    known = finding.explanations
-    others = (e for e in known.smallest_set if (e.id, e.of) != (finding.id, finding.of))
-    names = {name_of(other): known.of(other) for other in others}
+    explanations = finding.explanations
+    others = (e for e in explanations.smallest_set if (e.id, e.of) != (finding.id, finding.of))
+    names = {name_of(other): explanations.probability(other) for other in others}
     here = {name.id: p for name, p in names.items() if name.of == finding.of}
     elsewhere = {name: p for name, p in names.items() if name.of != finding.of}
     return ExplainedEffect(
@@ -74,7 +75,7 @@ def taken_away(
         of=finding.of,
         elsewhere=tuple(elsewhere),
         weights=weights,
-        probability=known.of(finding.effect),
+        probability=finding.probability,
         others_probability=(*here.values(), *elsewhere.values()),
         share=0.0,
         before_mm=rms(before_mm),

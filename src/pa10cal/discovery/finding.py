@@ -2,149 +2,42 @@
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from collections.abc import Sequence
-from dataclasses import KW_ONLY, asdict, dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
-from typing import Generic, Literal, Self
+from typing import Generic, Self
 
 import numpy as np
-from numpy.typing import NDArray
-from pydantic import Field
 from scipy.special import softmax
-from typing_extensions import TypeVar, override
+from typing_extensions import TypeVar
 
 from pa10cal.arrays import Array
-from pa10cal.discovery.rules import JUDGING, PROBABILITIES
+from pa10cal.discovery.proof import Proof
+from pa10cal.discovery.rules import PROBABILITIES
 from pa10cal.results import discovery
-from pa10cal.results.arrays import Numbers
 from pa10cal.results.evaluation import EffectParameter
 from pa10cal.results.maps import JointWitness, MapForm
-from pa10cal.results.record import EffectName, Name, Part
+from pa10cal.results.record import EffectName, Name
 from pa10cal.terms.effects.effect import Effect
-from pa10cal.terms.effects.joint_error_map import BandPrior, is_error_map
+from pa10cal.terms.effects.joint_error_map import BandPrior, JointErrorMap, is_error_map
 from pa10cal.terms.term import Term
+from pa10cal.terms.weights import is_fault
 
 
-@dataclass(frozen=True)
-class UnknownBeside:
-    """Model of the probability that an effect is caused by something that was not tried.
-
-    The squared error that remains beyond noise has an unknown cause. An effect that removes little
-    compared with it may be a part of it; and the larger it is, the more often it looks like an
-    effect elsewhere. The odds of the effect are
-    odds * (removed / remaining)^power / (remaining / noise)^fall.
-
-    What remains counts as at least `left_of_noise` of the noise and, over noise, as at most
-    `most_left_of_noise`; the probability is at least `unknown` (rules, PROBABILITIES). Without
-    noise remaining / noise is 1.
-    """
-
-    without_mm: float  # root mean square error without the effect [mm]
-    with_mm: float  # and with it [mm]
-    _: KW_ONLY
-    odds: float  # odds of an effect that removes as much as remains
-    power: float
-    fall: float = 0.0
-    # removed over remaining squares of all whitened readings, orientations included; the larger of
-    # this ratio and that of positions counts
-    of_readings: float = 0.0
-
-    def probability(self, noise_floor_mm: float) -> float:
-        """Return that probability, by the mean position error that noise alone leaves [mm]."""
-        # Normal errors, alike in three directions, have a mean length of 2 sqrt(2 / pi) sigma.
-        noise = 3.0 * np.pi / 2.0 * (0.5 * noise_floor_mm) ** 2
-        squares = self.without_mm**2, self.with_mm**2
-        ratio = max(over_left(*squares, noise), self.of_readings)
-        most = PROBABILITIES.most_left_of_noise * noise
-        beyond = min(left_beyond(self.with_mm**2, noise), most) / noise if noise > 0.0 else 1.0
-        odds = self.odds * ratio**self.power / beyond**self.fall
-        return float(max(1.0 / (1.0 + odds), PROBABILITIES.unknown))
+def name_of(effect: Effect) -> EffectName:
+    """Return an effect's name and place; effects of one name may differ in form."""
+    return EffectName(id=effect.id, of=effect.of)
 
 
-def left_beyond(squares: float, noise: float) -> float:
-    """Return squares less those of noise, but at least a small part of the latter."""
-    return max(squares - noise, PROBABILITIES.left_of_noise * noise)
+def label_of(effect: Effect, rival: Effect | None) -> str:
+    """Return the names of an effect and of its rival, if there is one."""
+    name = f"{effect.id} of {effect.of}"
+    return name if rival is None else f"{name} or {rival.id} of {rival.of}"
 
 
-def over_left(without: float, with_it: float, noise: float) -> float:
-    """Return the squares that an effect removes over those that remain beyond noise.
-
-    It is 0 where nothing is removed, even if nothing remains.
-    """
-    removed, remaining = max(without - with_it, 0.0), left_beyond(with_it, noise)
-    if removed == 0.0:
-        return 0.0
-    return removed / remaining if remaining > 0.0 else np.inf
-
-
-class Proof(Part):
-    """The statistics that decided about an effect."""
-
-    # the pose without which less than half of the evidence remains, and too little for a name, as
-    # if a gross error caused it; None where there is no such pose
-    carrier: str | None = Field(default=None, exclude=True)
-    # source of the weights under which a joint gives way; None for all other effects
-    weights: Literal["assumed", "total", "logged"] | None = Field(default=None, exclude=True)
-
-    @property
-    def explains(self) -> float | None:
-        """Part of the squared error of held-out poses that the effect explains, where known."""
-        return None
-
-    @property
-    def unknown_cause(self) -> UnknownBeside | None:
-        """Model of the probability of an unknown cause; None where errors give none."""
-        return None
-
-    @property
-    @abstractmethod
-    def evidence(self) -> discovery.Evidence:
-        """The statistics as written to the record."""
-
-
-class GivesWay(discovery.EvidenceOfSag, Proof):
-    """The statistics that decided about the spring of a joint."""
-
-    # (P,) errors of the poses held out, or else fitted, with the joint rigid
-    without_each_mm: Numbers = Field(exclude=True)
-    all_rigid_each_mm: Numbers = Field(exclude=True)  # with all joints rigid that give way
-
-    @property
-    @override
-    def unknown_cause(self) -> UnknownBeside:
-        without_mm, with_mm = self.held_out_rigid_mm, self.held_out_gives_way_mm
-        if without_mm is None or with_mm is None:
-            without_mm, with_mm = self.rigid_mm, self.gives_way_mm
-        odds, power = PROBABILITIES.known_sag
-        return UnknownBeside(without_mm, with_mm, odds=odds, power=power)
-
-    @property
-    @override
-    def evidence(self) -> discovery.EvidenceOfSag:
-        return self
-
-
-def threshold(effect_count: int, error_rate: float) -> float:
-    """Return the gain in log evidence that a name needs where so many effects are sought.
-
-    If none of them is present, the probability that any reaches it is at most the error rate.
-    """
-    return float(np.log(max(effect_count, 1) / error_rate))
-
-
-def carrier_of(labels: NDArray[np.str_], left: Array, whole: float, needed: float) -> str | None:
-    """Return the pose on which alone the evidence of a name rests; None for none.
-
-    Args:
-        labels: (P,) poses.
-        left: (P,) evidence that remains without each pose.
-        whole: evidence by all poses.
-        needed: evidence that a name needs.
-    """
-    worst = int(left.argmin())
-    carried = left[worst] < min(needed, JUDGING.carried_share * whole)
-    return str(labels[worst]) if carried else None
+def is_named(effect: Effect) -> bool:
+    """Return whether an effect states a cause, and not only a place or a fault of the log."""
+    return not (effect.generic or effect.id == JointErrorMap.id or is_fault(effect))
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,18 +45,18 @@ class Rival:
     """An effect that may be present in place of one that was found."""
 
     effect: Effect
-    # (B,) log score with it less that with the effect found: of each held-out block of poses, or
-    # one number where repeats judge
+    # log score with it less that with the effect found: (B,) of each held-out block of poses, or
+    # (1,) of all poses
     nats: Array
-    weight: float = 1.0  # prior odds, relative to the effect found
+    prior_odds: float = 1.0  # relative to the effect found
 
     @property
     def log_odds(self) -> float:
         """Return its log odds against the effect found, by the scores of all blocks."""
-        return float(self.nats.sum() + np.log(self.weight))
+        return float(self.nats.sum() + np.log(self.prior_odds))
 
     def by_block(self, blocks: int) -> Array:
-        """Return the log score of each block, (B,); one score of all blocks is shared equally."""
+        """Return the log score of each block, (B,); one score of all poses is shared equally."""
         return np.broadcast_to(self.nats * len(self.nats) / blocks, blocks)
 
 
@@ -171,11 +64,11 @@ class Rival:
 class Explanations:
     """Explanations of what was found, with probabilities that sum to one."""
 
-    named: tuple[tuple[Effect, float], ...]  # effects of the vocabulary, the likeliest first
+    named: tuple[tuple[Effect, float], ...]  # effects with a name, the likeliest first
     none_of_these: float  # probability of something without a name, or that was not tried
 
-    def of(self, effect: Effect) -> float:
-        """Return the probability of an effect."""
+    def probability(self, effect: Effect) -> float:
+        """Return the probability of an effect; 0 of one that is not among them."""
         return dict(self.named).get(effect, 0.0)
 
     @property
@@ -212,49 +105,8 @@ class Finding(Generic[ProofT]):
     alternatives: tuple[Effect, ...]  # effects that explain the data as well in its place
     proof: ProofT
     rivals: tuple[Rival, ...] = ()  # every effect that was tried in its place, with its score
-    unknown: float = PROBABILITIES.unknown  # probability that none of those tried is present
-
-    @cached_property
-    def explanations(self) -> Explanations:
-        """Return the probabilities of the effect and of its rivals.
-
-        Scores of blocks are averaged by the Bayesian bootstrap (pseudo-BMA+; Yao, Vehtari, Simpson
-        and Gelman, Bayesian Analysis 13, 2018). An alternative without a score of its own has that
-        of the effect.
-        """
-        rivals = self._rivals_by_name
-        effects: dict[Name, Effect] = {}
-        of_rivals = (rival.effect for rival in rivals.values())
-        for effect in (self.effect, *self.alternatives, *of_rivals):
-            effects.setdefault(name_of(effect).name, effect)
-        blocks = max((len(rival.nats) for rival in self.rivals), default=1)
-        nats = np.zeros((len(effects), blocks))
-        weight = np.ones(len(effects))
-        for k, name in enumerate(effects):
-            if name in rivals:
-                nats[k] = rivals[name].by_block(blocks)
-                weight[k] = rivals[name].weight
-        drawn = np.random.default_rng(0).dirichlet(np.ones(blocks), PROBABILITIES.draws)
-        share = softmax(blocks * drawn @ nats.T + np.log(weight), axis=1).mean(axis=0)
-        share *= 1.0 - self.unknown
-        named = {
-            effect: probability
-            for effect, probability in zip(effects.values(), share.tolist(), strict=True)
-            if not effect.generic
-        }
-        likeliest_first = sorted(named.items(), key=lambda pair: -pair[1])
-        return Explanations(tuple(likeliest_first), max(0.0, 1.0 - sum(named.values())))
-
-    @property
-    def _rivals_by_name(self) -> dict[Name, Rival]:
-        """Return the rivals of other names than the effect, each in the form that scores best."""
-        best: dict[Name, Rival] = {}
-        for rival in self.rivals:
-            name = name_of(rival.effect).name
-            if name not in best or rival.log_odds > best[name].log_odds:
-                best[name] = rival
-        best.pop(name_of(self.effect).name, None)  # another form of the effect is no rival
-        return best
+    # probability that the cause is one that was not tried
+    unknown_probability: float = PROBABILITIES.unknown
 
     @property
     def id(self) -> str:
@@ -271,30 +123,79 @@ class Finding(Generic[ProofT]):
         """Return its reported parameters by name."""
         return effect_parameters(self.effect, self.x, self.covariance)
 
+    @cached_property
+    def explanations(self) -> Explanations:
+        """Return the probabilities of the effect and of its rivals.
+
+        Scores of blocks are averaged by the Bayesian bootstrap (pseudo-BMA+; Yao, Vehtari, Simpson
+        and Gelman, Bayesian Analysis 13, 2018).
+        """
+        candidates, blocks = self._candidates.values(), self._block_count
+        nats = np.stack([candidate.by_block(blocks) for candidate in candidates])
+        prior_odds = np.array([candidate.prior_odds for candidate in candidates])
+        block_weights = np.random.default_rng(0).dirichlet(np.ones(blocks), PROBABILITIES.draws)
+        of_draws = softmax(blocks * block_weights @ nats.T + np.log(prior_odds), axis=1)
+        share = of_draws.mean(axis=0) * (1.0 - self.unknown_probability)
+        named = {
+            candidate.effect: probability
+            for candidate, probability in zip(candidates, share.tolist(), strict=True)
+            if not candidate.effect.generic
+        }
+        likeliest_first = sorted(named.items(), key=lambda pair: -pair[1])
+        return Explanations(tuple(likeliest_first), max(0.0, 1.0 - sum(named.values())))
+
     @property
-    def is_unlikely(self) -> bool:
-        """Return whether something without a name is likelier than the effect."""
-        known = self.explanations
-        return known.none_of_these > max(PROBABILITIES.nameless, known.of(self.effect))
+    def probability(self) -> float:
+        """Return the probability of the effect."""
+        return self.explanations.probability(self.effect)
+
+    @property
+    def is_probably_nameless(self) -> bool:
+        """Return whether something without a name is likely, and likelier than the effect."""
+        least = max(PROBABILITIES.nameless, self.probability)
+        return self.explanations.none_of_these > least
+
+    @property
+    def _candidates(self) -> dict[Name, Rival]:
+        """Return the effect, its alternatives and its rivals by name, with scores against it.
+
+        Of several forms of a rival that with the best score counts; another form of the effect is
+        no rival. An alternative without a score of its own has that of the effect.
+        """
+        best: dict[Name, Rival] = {}
+        for rival in self.rivals:
+            name = name_of(rival.effect).name
+            if name not in best or rival.log_odds > best[name].log_odds:
+                best[name] = rival
+        best.pop(name_of(self.effect).name, None)
+        candidates: dict[Name, Rival] = {}
+        for effect in (self.effect, *self.alternatives):
+            name = name_of(effect).name
+            scored = best.get(name, Rival(effect, np.zeros(1)))
+            candidates.setdefault(name, replace(scored, effect=effect))
+        for name, rival in best.items():
+            candidates.setdefault(name, rival)
+        return candidates
+
+    @property
+    def _block_count(self) -> int:
+        """Return of how many blocks of poses there are scores; 1 for one score of all poses."""
+        return max((len(rival.nats) for rival in self.rivals), default=1)
 
     def exchanged_for(self, other: Effect) -> Self:
         """Return the finding with a rival in place of its effect, at the same probabilities."""
-        known = self._rivals_by_name
-        # An alternative without a score of its own has that of the effect.
-        for effect in (self.effect, *self.alternatives):
-            known.setdefault(name_of(effect).name, Rival(effect, np.zeros(1)))
-        chosen = known.pop(name_of(other).name)
-        blocks = max((len(rival.nats) for rival in self.rivals), default=1)
+        candidates, blocks = self._candidates, self._block_count
+        chosen = candidates.pop(name_of(other).name)
         nats = chosen.by_block(blocks)
         rivals = tuple(
-            Rival(rival.effect, rival.by_block(blocks) - nats, rival.weight / chosen.weight)
-            for rival in known.values()
+            Rival(each.effect, each.by_block(blocks) - nats, each.prior_odds / chosen.prior_odds)
+            for each in candidates.values()
         )
-        others = (self.effect, *self.alternatives)
-        alternatives = tuple(e for e in others if name_of(e).name != name_of(other).name)
+        listed = (self.effect, *self.alternatives)
+        alternatives = tuple(e for e in listed if name_of(e).name != name_of(other).name)
         return replace(self, effect=other, rivals=rivals, alternatives=alternatives)
 
-    def with_likely(self) -> Self:
+    def with_likely_alternatives(self) -> Self:
         """Return the finding with all likely effects as alternatives, the likeliest first."""
         likely = (e for e, p in self.explanations.named if p >= PROBABILITIES.least)
         return replace(self, alternatives=tuple(e for e in likely if e != self.effect))
@@ -306,22 +207,24 @@ class Finding(Generic[ProofT]):
             kind = "band" if isinstance(self.effect.spectrum, BandPrior) else "fading"
             keys = {"knots": self.effect.knots, kind: asdict(self.effect.spectrum)}
             form = MapForm.model_validate(keys)
-        known = self.explanations
-        listed = (self.effect, *self.alternatives)
+        explanations = self.explanations
         alternatives = tuple(
-            discovery.Alternative(**dict(name_of(effect)), probability=known.of(effect))
+            discovery.Alternative(
+                **dict(name_of(effect)), probability=explanations.probability(effect)
+            )
             for effect in self.alternatives
         )
+        listed = self.probability, *(each.probability for each in alternatives)
         return discovery.FoundEffect(
             id=self.id,
             of=self.of,
             form=form,
             parameters=self.parameters,
-            probability=known.of(self.effect),
+            probability=self.probability,
             alternatives=alternatives,
-            others=max(0.0, 1.0 - known.none_of_these - sum(map(known.of, listed))),
-            none_of_these=known.none_of_these,
-            set95=tuple(map(name_of, known.smallest_set)),
+            others=max(0.0, 1.0 - explanations.none_of_these - sum(listed)),
+            none_of_these=explanations.none_of_these,
+            set95=tuple(map(name_of, explanations.smallest_set)),
             evidence=self.proof.evidence,
             witness=witness,
             weights=self.proof.weights,
@@ -330,18 +233,18 @@ class Finding(Generic[ProofT]):
 
 
 def effect_parameters(term: Term, x: Array, covariance: Array) -> dict[str, EffectParameter]:
-    """Return reported parameters of an effect or a form by name, with their covariance."""
-    known = term.report(np.zeros(len(term.parameters))).parameters
+    """Return the reported parameters of an effect or a form by name.
+
+    Args:
+        x: (k,) their values.
+        covariance: (k, k) of them.
+    """
+    reported = term.report(np.zeros(len(term.parameters))).parameters
     std = np.sqrt(np.diag(covariance)).tolist()
     return {
         parameter.name: EffectParameter(value=value, std=sigma, unit=parameter.unit)
-        for parameter, value, sigma in zip(known, x.tolist(), std, strict=True)
+        for parameter, value, sigma in zip(reported, x.tolist(), std, strict=True)
     }
-
-
-def name_of(effect: Effect) -> EffectName:
-    """Return an effect's name and place."""
-    return EffectName(id=effect.id, of=effect.of)
 
 
 @dataclass(frozen=True)
@@ -353,8 +256,8 @@ class Untestable:
     by_these_poses: bool = True  # whether other poses may show it; else a quantity was not logged
 
 
-def with_a_name(entries: Sequence[Untestable]) -> tuple[discovery.NotTestable, ...]:
-    """Return the effects that are no smooth functions, as written to the record."""
+def not_testable(entries: Sequence[Untestable]) -> tuple[discovery.NotTestable, ...]:
+    """Return the effects that have a name, as written to the record."""
     return tuple(
         discovery.NotTestable(id=entry.effect.id, of=entry.effect.of, why=entry.why)
         for entry in entries

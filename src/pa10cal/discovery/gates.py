@@ -15,7 +15,7 @@ import numpy as np
 from pa10cal.calibration.health import most_stated
 from pa10cal.calibration.rules import GRADES
 from pa10cal.discovery.field import with_field
-from pa10cal.discovery.finding import Finding, Rival, name_of
+from pa10cal.discovery.finding import Finding, Rival, is_named, name_of
 from pa10cal.discovery.no_harm import harmed, harmless, worse_than
 from pa10cal.discovery.position_errors import mean_noise_error_mm
 from pa10cal.discovery.preparation import Prepared
@@ -30,7 +30,7 @@ from pa10cal.discovery.refitted_verdict import (
     without_names,
 )
 from pa10cal.discovery.rules import NAMES, PROBABILITIES
-from pa10cal.discovery.verdict import Scorer, Verdict, in_doubt, is_named, is_sought
+from pa10cal.discovery.verdict import Scorer, Verdict, is_sought, with_unknown_cause
 from pa10cal.fit.fitted import Otherwise
 from pa10cal.fit.uncertain_weights import open_unknowns
 from pa10cal.observe.time_order import covariates, measured_again, slow_joints
@@ -74,14 +74,14 @@ def _with_likeliest_names(found: Verdict[S]) -> Verdict[S]:
     Probabilities are linear about the calibrated model, so the new fit decides.
     """
     for finding in found.effects:
-        known = in_doubt(found, finding).explanations
-        likely = [(effect, p) for effect, p in known.named if is_named(effect)]
+        judged = with_unknown_cause(found, finding)
+        likely = [(effect, p) for effect, p in judged.explanations.named if is_named(effect)]
         if not is_named(finding.effect) or not likely:
             continue
         best, probability = likely[0]
         held = {name_of(other.effect) for other in found.findings}
         rivals = {name_of(rival.effect) for rival in finding.rivals}
-        likelier = probability > NAMES.likelier * known.of(finding.effect)
+        likelier = probability > NAMES.likelier * judged.probability
         if not likelier or name_of(best) in held or name_of(best) not in rivals:
             continue
         tried = fitted_instead(found, finding, finding.exchanged_for(best))
@@ -101,9 +101,9 @@ def _with_one_kind(found: Verdict[S]) -> Verdict[S]:
         finding = finding_of(found, effect)
         held = {other.effect for other in found.effects}
         kinds = {other.id for other in found.effects if other.effect != effect}
-        known = in_doubt(found, finding).explanations
-        least = NAMES.as_likely * known.of(effect)
-        as_likely = [other for other, probability in known.named if probability >= least]
+        judged = with_unknown_cause(found, finding)
+        least = NAMES.as_likely * judged.probability
+        as_likely = [other for other, p in judged.explanations.named if p >= least]
         of_a_kind = [other for other in as_likely if other.id in kinds and other not in held]
         if effect.id not in kinds and of_a_kind and is_named(of_a_kind[0]):
             found = fitted_instead(found, finding, finding.exchanged_for(of_a_kind[0])) or found
@@ -183,9 +183,9 @@ def _without_unlikely_names(found: Verdict[S]) -> Verdict[S]:
     A name stays if held-out poses are predicted worse without it. Of an effect of the instrument
     these readings are no judge: they are false as it says, or the base is moved for nothing.
     """
-    names = [in_doubt(found, name) for name in found.findings if is_named(name.effect)]
-    for finding in sorted(names, key=lambda name: name.explanations.of(name.effect)):
-        if not finding.is_unlikely:
+    names = [with_unknown_cause(found, name) for name in found.findings if is_named(name.effect)]
+    for finding in sorted(names, key=lambda name: name.probability):
+        if not finding.is_probably_nameless:
             continue
         why = (
             "what has no name, or something of several effects, explains as much in its place "

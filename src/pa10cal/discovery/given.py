@@ -30,14 +30,13 @@ from pa10cal.discovery.discover import judged_by_blocks
 from pa10cal.discovery.evidence.by_repeats import fit_given
 from pa10cal.discovery.evidence.fit import covariance_of, targets_off_m
 from pa10cal.discovery.evidence.problem import prepare
-from pa10cal.discovery.finding import effect_parameters
+from pa10cal.discovery.finding import effect_parameters, is_named, label_of
 from pa10cal.discovery.model_with_effects import ModelWithEffects
 from pa10cal.discovery.noise import whitener_of
 from pa10cal.discovery.preparation import MeasurementSetup, Prepared, complete, prepared, setup_of
 from pa10cal.discovery.refitted_verdict import holds_zero
 from pa10cal.discovery.residual_candidates import gear_lines
 from pa10cal.discovery.rules import MAPS
-from pa10cal.discovery.verdict import is_named, label_of
 from pa10cal.errors import CalibrationError, remedy_for
 from pa10cal.fit.discrepancy import by_uncertain_joints_mm, discrepancy_of, lacking_mm
 from pa10cal.fit.fitted import FittedTo

@@ -20,11 +20,11 @@ from pa10cal.arrays import Array
 from pa10cal.discovery.blocked_cv.survey import Survey
 from pa10cal.discovery.evidence.fit import EvidenceFit
 from pa10cal.discovery.evidence.problem import EvidenceProblem
-from pa10cal.discovery.finding import Finding, Untestable
+from pa10cal.discovery.finding import Finding, Untestable, label_of
 from pa10cal.discovery.preparation import targets_m
 from pa10cal.discovery.separation import predicted, separation_criteria
 from pa10cal.discovery.tuning import NEXT_POSES
-from pa10cal.discovery.verdict import Plan, label_of
+from pa10cal.discovery.verdict import Plan
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.validity import AngleCoverage
 from pa10cal.numerics.pose_sets import Combined, exchange, greedy_order
@@ -147,7 +147,7 @@ def unresolved_pairs(
     """
     found = {
         (finding.effect, other): PairProbability(
-            finding.explanations.of(finding.effect), finding.explanations.of(other)
+            finding.probability, finding.explanations.probability(other)
         )
         for finding in effects
         for other in finding.alternatives

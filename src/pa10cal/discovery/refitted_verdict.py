@@ -12,10 +12,10 @@ from scipy.special import chdtri
 from pa10cal.arm.description import weights_known
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
-from pa10cal.discovery.finding import Finding
+from pa10cal.discovery.finding import Finding, label_of
 from pa10cal.discovery.rules import NAMES
 from pa10cal.discovery.tuning import COMPUTING
-from pa10cal.discovery.verdict import Scorer, Verdict, label_of
+from pa10cal.discovery.verdict import Scorer, Verdict
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.results.discovery import Unexplained
 from pa10cal.results.number_text import HALF_WIDTH_95

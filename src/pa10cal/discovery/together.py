@@ -23,9 +23,10 @@ from pa10cal.arrays import Array, drawn
 from pa10cal.calibration.general.problem import loaded_joints
 from pa10cal.calibration.rules import SPRINGS
 from pa10cal.discovery import jacobians
-from pa10cal.discovery.finding import Rival, threshold
+from pa10cal.discovery.finding import Rival
 from pa10cal.discovery.nameless import nameless_effects
 from pa10cal.discovery.preparation import MeasurementSetup, computable
+from pa10cal.discovery.proof import needed_nats
 from pa10cal.discovery.rules import PROBABILITIES, TOGETHER
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import statics_of
@@ -160,7 +161,7 @@ class Together:
             _as_rows(equations),
             tuple(_numbered(of_members)),
             weights,
-            threshold(len(names), setup.options.error_rate),
+            needed_nats(len(names), setup.options.error_rate),
         )
 
     def holding(self, terms: Iterable[Term]) -> tuple[int, ...]:

@@ -15,9 +15,10 @@ from typing_extensions import override
 
 from pa10cal.arm.description import weights_known
 from pa10cal.arrays import Array, Index
-from pa10cal.discovery.finding import Finding, Proof
+from pa10cal.discovery.finding import Finding
 from pa10cal.discovery.log_faults import DiagnosedFault, fault_of
 from pa10cal.discovery.preparation import MeasurementSetup
+from pa10cal.discovery.proof import Proof
 from pa10cal.discovery.rules import TORQUES
 from pa10cal.discovery.verdict import Verdict, is_sought
 from pa10cal.fit.fitted_model import FittedModel

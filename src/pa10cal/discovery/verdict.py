@@ -18,16 +18,17 @@ from typing_extensions import TypeIs, TypeVar
 
 from pa10cal.arm.description import weights_known
 from pa10cal.arm.statics import PoseStates
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, Rows
 from pa10cal.calibration.rules import GRADES
 from pa10cal.discovery.explained import ErrorsOfModels, explained_errors
 from pa10cal.discovery.field import FieldFit, with_field
-from pa10cal.discovery.finding import Finding, GivesWay, Untestable, name_of
+from pa10cal.discovery.finding import Finding, Untestable, is_named, label_of, name_of
 from pa10cal.discovery.gap import ErrorsByName, PairedErrors, errors_by_name, trusted
 from pa10cal.discovery.log_faults import DiagnosedFault, fault_of, to_check
 from pa10cal.discovery.model_with_effects import ModelWithEffects
 from pa10cal.discovery.pose_scatter import PoseDeviations
 from pa10cal.discovery.preparation import Prepared
+from pa10cal.discovery.proof import ComplianceProof
 from pa10cal.discovery.rules import PROBABILITIES
 from pa10cal.discovery.short_forms import FormComparison, FormulaProposal
 from pa10cal.discovery.tuning import PLACES
@@ -42,7 +43,7 @@ from pa10cal.results.discovery import Explained, Separation, SuggestedPose, Unex
 from pa10cal.results.discovery import Verdict as Word
 from pa10cal.results.maps import JointWitness
 from pa10cal.terms.effects.effect import CandidateContext, Effect
-from pa10cal.terms.effects.joint_error_map import JointErrorMap, is_error_map
+from pa10cal.terms.effects.joint_error_map import is_error_map
 from pa10cal.terms.weights import is_fault
 from pa10cal.terms.wording import parameters_text
 
@@ -80,7 +81,7 @@ class Basis(ABC):
     #: How effects are judged; None where they are not sought.
     method: ClassVar[str | None] = None
     #: Whether the search for sets under weights that are not stated adds rivals to its findings.
-    of_sets: ClassVar[bool] = False
+    adds_rivals_of_sets: ClassVar[bool] = False
 
     @property
     @abstractmethod
@@ -127,7 +128,7 @@ class Basis(ABC):
         """Return the errors of the stated coordinates of targets, (a,) [m]."""
         return np.zeros(stated)
 
-    def judged(self, fitted: Observations) -> PoseStates:
+    def judged_states(self, fitted: Observations) -> PoseStates:
         """Return the states of the poses that were judged, by those of the averages fitted."""
         return fitted.states
 
@@ -136,7 +137,7 @@ class Basis(ABC):
         del found, count, random_seed
         return NOTHING_PLANNED
 
-    def keys(self, found: Verdict[Any]) -> dict[str, Any]:
+    def record_keys(self, found: Verdict[Any]) -> dict[str, Any]:
         """Return the keys of the verdict's record that depend on the way of judging."""
         del found
         return {"search": None}
@@ -195,43 +196,59 @@ S = TypeVar("S", bound=Basis, default=Basis, covariant=True)
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Verdict(Generic[S]):
-    """The verdict on a campaign."""
+    """The verdict on a campaign.
+
+    The attributes are a part of the Python interface, hence flat; they stand in groups: how the
+    campaign was judged, errors with a name and without, what these data cannot show, and the gap.
+    """
 
     prepared: Prepared  # the campaign
     scorer: S  # what judged it, with the extended model
     context: CandidateContext  # where effects are possible in it
     candidates: int = 0  # number of effects that were tried
+    why: str | None = None  # why effects cannot be sought; None where they were sought
+    remedy: str | None = None  # what to do about that
+
+    # Errors with a name.
+
     # effects of the vocabulary and faults of the whole log that are in the extended model, in the
     # order found
     findings: tuple[Finding, ...] = ()
+    # joints that give way under weights that are not stated; their springs are in the calibrated
+    # model already
+    gives_way: tuple[Finding[ComplianceProof], ...] = ()
+    in_log: tuple[Finding, ...] = ()  # friction of logged torques, which was taken out of them
+    faults_of_rows: tuple[DiagnosedFault, ...] = ()  # faults of single rows, found after the search
+
+    # Errors without a name.
+
     unexplained: tuple[Unexplained, ...] = ()  # parts of the error that have no name
     nameless: tuple[Effect, ...] = ()  # smooth functions that the search chose for such parts
     over_noise: bool = False  # whether the search left more than noise
+    # terms without a name that predict a part of the error; None where held-out poses do not gain
+    predicted: Predicted | None = None
+    proposed: tuple[FormulaProposal, ...] = ()  # formulas for parts that have no name
+
+    # What these data cannot show.
+
     not_testable: tuple[Untestable, ...] = ()  # effects that these data cannot show
     # effects that would often be missed at their plausible size, decided without the residuals;
     # None where repeats judge
     below_detection_limit: tuple[Untestable, ...] | None = None
     # groups of named candidates that these poses cannot separate
     indistinguishable: tuple[tuple[Effect, ...], ...] = ()
-    # terms without a name that predict a part of the error; None where held-out poses do not gain
-    predicted: Predicted | None = None
+
+    # The gap, and where the extended model holds.
+
+    train: PairedErrors  # errors before and after, `predicted` included, at the poses fitted
+    holdout: PairedErrors | None  # the same at held-out poses; None without any
     noise_floor_mm: float  # mean position error that noise alone would leave
     noise_floor_from: str | None = None  # its source in words; None where it is from repeats
     # that readings of single targets wander in time, in words; None where they do not
     readings_wander: str | None = None
-    train: PairedErrors  # errors before and after, `predicted` included, at the poses fitted
-    holdout: PairedErrors | None  # the same at held-out poses; None without any
-    faults_of_rows: tuple[DiagnosedFault, ...] = ()  # found after the search
     # joint positions within which the extended model holds; None where it holds everywhere
     falls_back: FallBack | None = None
     otherwise: Otherwise | None = None  # the model under another explanation of the readings
-    proposed: tuple[FormulaProposal, ...] = ()  # formulas for parts that have no name
-    # joints that give way under weights that are not stated; their springs are in the calibrated
-    # model already
-    gives_way: tuple[Finding[GivesWay], ...] = ()
-    in_log: tuple[Finding, ...] = ()  # friction of logged torques, which was taken out of them
-    why: str | None = None  # why effects cannot be sought; None where they were sought
-    remedy: str | None = None  # what to do about that
 
     @property
     def method(self) -> str | None:
@@ -316,7 +333,7 @@ class Verdict(Generic[S]):
     @property
     def states(self) -> PoseStates:
         """Return the states of the poses that were judged."""
-        return self.scorer.judged(self.train.poses)
+        return self.scorer.judged_states(self.train.poses)
 
     @property
     def without_name(self) -> tuple[Effect, ...]:
@@ -383,21 +400,22 @@ class Verdict(Generic[S]):
         """Return the calibrated model with the effects found."""
         if not is_sought(self):
             return self.scorer.model_with(())
-        fitted, away = self.extended.fitted(self.covariance), self.falls_back
-        stated, seen = self.prepared.readings.measured.by_stated_targets, self.scorer.seen
-        if away is not None and self.predicted is not None and self.holds_nowhere:
-            beside = with_field(self.baseline, self.predicted.fit)
-            discrepancy = discrepancy_of(beside, self.train.poses)
-            away = replace(away, model=replace(beside, discrepancy=discrepancy))
-        elif self.predicted is not None:
-            fitted = with_field(fitted, self.predicted.fit)
+        fitted, falls_back = self.extended.fitted(self.covariance), self.falls_back
+        if self.predicted is not None:
+            if falls_back is not None and self.holds_nowhere:
+                with_fit = with_field(self.baseline, self.predicted.fit)
+                discrepancy = discrepancy_of(with_fit, self.train.poses)
+                falls_back = replace(falls_back, model=replace(with_fit, discrepancy=discrepancy))
+            else:
+                fitted = with_field(fitted, self.predicted.fit)
+        targets_stated = self.prepared.readings.measured.by_stated_targets.shape[2]
         return replace(
             fitted,
             fitted_to=self._fitted_to(),
-            targets_off_m=self.scorer.targets_off_m(stated.shape[2]),
-            seen=self.baseline.seen if seen is None else seen,
+            targets_off_m=self.scorer.targets_off_m(targets_stated),
+            seen=self.baseline.seen if self.scorer.seen is None else self.scorer.seen,
             discrepancy=discrepancy_of(fitted, self.train.poses),
-            falls_back=away,
+            falls_back=falls_back,
             otherwise=self.otherwise,
         )
 
@@ -434,27 +452,31 @@ class Verdict(Generic[S]):
         nothing = not (self.effects or self.unexplained or self.faults or self.predicted)
         if (self.method is None or nothing) and not self.gives_way:
             return None
-        of_names, suspected = self.predicted or self, self.prepared.suspected
-        errors, rows = self.errors_by_name, slice(None) if suspected is None else ~suspected
-        over: Literal["held-out poses", "fitted poses"] = "held-out poses"
-        gap, named, without = self.holdout, of_names.holdout, errors.held_out_without
+        part_by_joint = None if self.predicted is None else self.predicted.fit.by_joint
+        return explained_errors(self._errors_of_models(), self.gives_way, part_by_joint)
+
+    def _errors_of_models(self) -> ErrorsOfModels:
+        """Return the errors of all models at the poses at which `explained` is computed."""
+        of_names, errors = self.predicted or self, self.errors_by_name
+        suspected = self.prepared.suspected
+        rows: Rows = slice(None)
+        over: Literal["held-out poses", "fitted poses"]
         if self.trusted_holdout is None:
-            over, rows = "fitted poses", slice(None)
+            over = "fitted poses"
             gap, named, without = self.train, of_names.train, errors.fitted_without
-        assert gap is not None
-        assert named is not None
+        else:
+            assert self.holdout is not None
+            assert of_names.holdout is not None
+            over, rows = "held-out poses", rows if suspected is None else ~suspected
+            gap, named, without = self.holdout, of_names.holdout, errors.held_out_without
         findings = {finding.effect: finding for finding in self.findings}
-        return explained_errors(
-            ErrorsOfModels(
-                over=over,
-                noise_mm=gap.noise_rms_mm,
-                calibrated_mm=gap.found_before.distance_mm[rows],
-                named_mm=named.found_after.distance_mm[rows],
-                exported_mm=gap.found_after.distance_mm[rows],
-                without_mm={findings[e]: found.distance_mm[rows] for e, found in without.items()},
-            ),
-            self.gives_way,
-            None if self.predicted is None else self.predicted.fit.by_joint,
+        return ErrorsOfModels(
+            over=over,
+            noise_mm=gap.noise_rms_mm,
+            calibrated_mm=gap.found_before.distance_mm[rows],
+            named_mm=named.found_after.distance_mm[rows],
+            exported_mm=gap.found_after.distance_mm[rows],
+            without_mm={findings[e]: found.distance_mm[rows] for e, found in without.items()},
         )
 
 
@@ -463,29 +485,25 @@ def is_sought(found: Verdict) -> TypeIs[Verdict[Scorer]]:
     return isinstance(found.scorer, Scorer)
 
 
-def label_of(effect: Effect, rival: Effect | None) -> str:
-    """Return the names of an effect and of its rival, if there is one."""
-    name = f"{effect.id} of {effect.of}"
-    return name if rival is None else f"{name} or {rival.id} of {rival.of}"
-
-
 F = TypeVar("F", bound=Finding)
 
 
 # Probabilities, and the word of a verdict.
 
 
-def with_likely(found: Verdict) -> Verdict:
+def with_likely_alternatives(found: Verdict) -> Verdict:
     """Return a verdict whose findings list every likely rival as an alternative."""
+    findings = (with_unknown_cause(found, each) for each in found.findings)
+    gives_way = (with_unknown_cause(found, each) for each in found.gives_way)
     return replace(
         found,
-        findings=tuple(in_doubt(found, each).with_likely() for each in found.findings),
-        gives_way=tuple(in_doubt(found, each).with_likely() for each in found.gives_way),
+        findings=tuple(each.with_likely_alternatives() for each in findings),
+        gives_way=tuple(each.with_likely_alternatives() for each in gives_way),
     )
 
 
-def in_doubt(found: Verdict, finding: F) -> F:
-    """Return a finding with the probability that something else causes it which was not tried.
+def with_unknown_cause(found: Verdict, finding: F) -> F:
+    """Return a finding with the probability that its cause is one that was not tried.
 
     It is larger where more than noise remains without a name, and where the effect is larger than
     such effects are: then another cause looks like it.
@@ -497,8 +515,8 @@ def in_doubt(found: Verdict, finding: F) -> F:
     else:
         unknown = PROBABILITIES.unknown
     size = _plausible_sizes(found, finding.effect) / PROBABILITIES.usual_sizes
-    doubt = max(1.0, size) ** PROBABILITIES.size_power
-    return replace(finding, unknown=doubt * unknown / (1.0 - unknown + doubt * unknown))
+    odds = max(1.0, size) ** PROBABILITIES.size_power * unknown
+    return replace(finding, unknown_probability=odds / (1.0 - unknown + odds))
 
 
 def _plausible_sizes(found: Verdict, effect: Effect) -> float:
@@ -523,10 +541,5 @@ def word_of(findings: Sequence[Finding], unexplained: Sequence[Unexplained]) -> 
     """Return the verdict in a word."""
     if unexplained or not findings:
         return "unexplained" if unexplained else "none"
-    surely = (each.explanations.of(each.effect) >= PROBABILITIES.surely for each in findings)
+    surely = (each.probability >= PROBABILITIES.surely for each in findings)
     return "named" if all(surely) else "ambiguous"
-
-
-def is_named(effect: Effect) -> bool:
-    """Return whether an effect states a cause, and not only a place or a fault of the log."""
-    return not (effect.generic or effect.id == JointErrorMap.id or is_fault(effect))

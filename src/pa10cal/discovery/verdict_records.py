@@ -9,7 +9,7 @@ import numpy as np
 
 from pa10cal.calibration.two_level_problem import report_base
 from pa10cal.calibration.uncertainty import reported_keys
-from pa10cal.discovery.finding import name_of, with_a_name
+from pa10cal.discovery.finding import name_of, not_testable
 from pa10cal.discovery.log_faults import steps_told
 from pa10cal.discovery.rules import JUDGING, decisions
 from pa10cal.discovery.verdict import NOTHING_PLANNED, Plan, Verdict
@@ -66,8 +66,8 @@ def verdict_keys(found: Verdict, ahead: Plan = NOTHING_PLANNED) -> VerdictKeys:
         faults=found.faults,
         unexplained=AllUnexplained(**dict(places[0]), all=places) if places else None,
         proposed=tuple(proposal.record for proposal in found.proposed) or None,
-        not_testable=with_a_name(found.not_testable),
-        below_detection_limit=None if below is None else with_a_name(below),
+        not_testable=not_testable(found.not_testable),
+        below_detection_limit=None if below is None else not_testable(below),
         indistinguishable=tuple(tuple(map(name_of, group)) for group in found.indistinguishable),
         gap=Gap(
             noise_floor_mm=found.noise_floor_mm,
@@ -76,7 +76,7 @@ def verdict_keys(found: Verdict, ahead: Plan = NOTHING_PLANNED) -> VerdictKeys:
             train=found.train.record(),
             holdout=None if holdout is None else holdout.record(found.prepared.suspected),
         ),
-        **scorer.keys(found),
+        **scorer.record_keys(found),
         angles_seen=None if scorer.seen is None else scorer.seen.record,
         falls_back=None if away is None else FallsBack(within=away.within.record, why=away.why),
         suggested_poses=ahead.poses,

@@ -10,8 +10,8 @@ from made_up_arm import ERROR_RATE, Missing, harmonic, measure
 from pa10cal.discovery.evidence.fit import fit
 from pa10cal.discovery.evidence.noise_model import NO_SHARED_ERROR
 from pa10cal.discovery.evidence.search import evidence_about, less, refit, search
-from pa10cal.discovery.finding import threshold
 from pa10cal.discovery.jacobians import residual
+from pa10cal.discovery.proof import needed_nats
 from pa10cal.terms.effects.effect import JointEffect
 from pa10cal.terms.term import TermParameter
 
@@ -54,7 +54,7 @@ def test_where_nothing_is_missing_nothing_is_found(null):
     # What is left is the noise: no pose is off by more than its readings.
     assert found.score.variances.pose < 0.05
     gains = found.evidence.additions((), list(range(len(found.family))))
-    assert max(gain for gain, _ in gains) < threshold(len(found.family), ERROR_RATE)
+    assert max(gain for gain, _ in gains) < needed_nats(len(found.family), ERROR_RATE)
 
 
 @pytest.mark.slow
@@ -62,7 +62,7 @@ def test_two_effects_found_together_make_the_data_likelier_and_leave_less(two_wa
     found = two_waves.found
     assert names(found.fit.effects) == [("transmission_error", f"joint {j}") for j in (2, 3)]
     gain_nats = found.score.log_evidence - found.nothing.log_evidence
-    assert gain_nats > threshold(len(found.family), ERROR_RATE)
+    assert gain_nats > needed_nats(len(found.family), ERROR_RATE)
     residuals = residual(found.fit.at, found.problem.cells)[:, :3]
     start = residual(two_waves.start.at, two_waves.problem.cells)[:, :3]
     assert (residuals**2).sum() < 0.3**2 * (start**2).sum()
@@ -93,7 +93,7 @@ def test_a_proxy_found_before_is_dropped_when_the_right_effects_may_enter(two_wa
         for members in ((0,), (0, 1), (0, 1, 2), (1, 2))
     }
     assert scores[0,] < scores[0, 1] < scores[1, 2]
-    assert scores[0, 1, 2] - scores[1, 2] < threshold(3, ERROR_RATE)
+    assert scores[0, 1, 2] - scores[1, 2] < needed_nats(3, ERROR_RATE)
 
 
 def test_a_family_of_none_or_one_is_searched_too(wave):
@@ -115,6 +115,6 @@ def test_noise_is_worked_out_about_the_better_model(rubbing):
 
 
 def test_the_threshold_is_that_of_the_family():
-    assert threshold(80, 0.01) == pytest.approx(np.log(8000.0))
-    assert threshold(0, 1.0) == threshold(1, 1.0) == 0.0
+    assert needed_nats(80, 0.01) == pytest.approx(np.log(8000.0))
+    assert needed_nats(0, 1.0) == needed_nats(1, 1.0) == 0.0
     assert less((4, 5, 6), 1) == (4, 6)

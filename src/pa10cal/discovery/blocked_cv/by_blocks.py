@@ -79,7 +79,7 @@ class ByBlocks(Scorer):
     bands: InBands | None = None  # of the maps; None where none has a band
 
     method: ClassVar[str] = "cross-validation over blocks"
-    of_sets: ClassVar[bool] = True
+    adds_rivals_of_sets: ClassVar[bool] = True
 
     @property
     @override
@@ -234,7 +234,7 @@ class ByBlocks(Scorer):
         return Plan(unseen, separations)
 
     @override
-    def keys(self, found: Verdict[ByBlocks]) -> dict[str, Any]:
+    def record_keys(self, found: Verdict[ByBlocks]) -> dict[str, Any]:
         search = SearchByBlocks(
             candidates=found.candidates,
             error_rate=found.error_rate,

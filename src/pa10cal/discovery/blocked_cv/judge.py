@@ -20,8 +20,14 @@ from pa10cal.discovery.blocked_cv.effect_set import (
     within_bounds,
 )
 from pa10cal.discovery.blocked_cv.search import Search
-from pa10cal.discovery.finding import Proof, Rival, UnknownBeside, carrier_of, over_left
+from pa10cal.discovery.finding import Rival
 from pa10cal.discovery.position_errors import position_error_mm
+from pa10cal.discovery.proof import (
+    Proof,
+    UnknownCause,
+    most_influential_pose,
+    removed_over_remaining,
+)
 from pa10cal.discovery.rules import BLOCKS, PROBABILITIES
 from pa10cal.discovery.verdict import smooth_unknown
 from pa10cal.results.discovery import (
@@ -39,7 +45,7 @@ class BlockPrediction(BlockedCrossValidation, Proof):
     """How well held-out blocks are predicted without an effect and with it."""
 
     # its gain in whitened squares over what remains beyond noise; 0 if not known
-    over_left: float = Field(default=0.0, exclude=True)
+    ratio_of_readings: float = Field(default=0.0, exclude=True)
 
     @property
     @override
@@ -53,11 +59,11 @@ class BlockPrediction(BlockedCrossValidation, Proof):
 
     @property
     @override
-    def unknown_cause(self) -> UnknownBeside:
+    def unknown_cause(self) -> UnknownCause:
         errors_mm = self.rms_without_mm, self.rms_with_mm
         odds, power, fall = PROBABILITIES.known_effect
-        return UnknownBeside(
-            *errors_mm, odds=odds, power=power, fall=fall, of_readings=self.over_left
+        return UnknownCause(
+            *errors_mm, odds=odds, power=power, fall=fall, ratio_of_readings=self.ratio_of_readings
         )
 
 
@@ -76,7 +82,7 @@ def prediction(
     whole: float,
     rms_mm: tuple[float, float],
     noise: float | None = None,
-    carrier: str | None = None,
+    influential_pose: str | None = None,
 ) -> BlockPrediction:
     """Return how well held-out blocks are predicted without an effect and with it.
 
@@ -85,7 +91,7 @@ def prediction(
         whole: sum of squares of all blocks without the effect.
         rms_mm: position errors without the effect and with it.
         noise: sum of squares that noise alone leaves; None if not known.
-        carrier: the pose without which the effect has little evidence.
+        influential_pose: the pose without which the effect has little evidence.
     """
     part, std = float(gain.sum()) / whole, standard_error_of_sum(gain) / whole
     return BlockPrediction(
@@ -96,8 +102,10 @@ def prediction(
         gain=part,
         gain_std=std,
         z=part / max(std, np.finfo(float).tiny),
-        carrier=carrier,
-        over_left=0.0 if noise is None else over_left(whole, (1.0 - part) * whole, noise),
+        influential_pose=influential_pose,
+        ratio_of_readings=0.0
+        if noise is None
+        else removed_over_remaining(whole, (1.0 - part) * whole, noise),
     )
 
 
@@ -122,10 +130,10 @@ def judged_members(
         member, gain = chosen.members[k], without - chosen.squares
         total_gain = float(gain.sum())  # the prior on the arm's weights included
         by_pose = np.bincount(pose, squares[:, k + 1] - squares[:, 0])
-        gain_without_pose = np.asarray(total_gain - by_pose, dtype=np.float64)
-        carrier = carrier_of(labels, gain_without_pose, total_gain, search.least_gain)
+        without_pose = np.asarray(total_gain - by_pose, dtype=np.float64)
+        influential = most_influential_pose(labels, without_pose, total_gain, search.least_gain)
         both_mm = float(rms_mm[k + 1]), float(rms_mm[0])
-        proof = prediction(gain, float(without.sum()), both_mm, search.noise_squares, carrier)
+        proof = prediction(gain, float(without.sum()), both_mm, search.noise_squares, influential)
         place = with_rivals.members.index(member)
         in_place = in_place_of(search, with_rivals, place, squares_with, row_count)
         found.append(Judged(member.effect, proof, in_place.alternatives, in_place.rivals))

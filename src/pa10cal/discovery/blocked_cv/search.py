@@ -25,7 +25,7 @@ from pa10cal.discovery.blocked_cv.effect_set import (
     within_bounds,
 )
 from pa10cal.discovery.blocked_cv.normal_equations import BlockEquations
-from pa10cal.discovery.finding import threshold
+from pa10cal.discovery.proof import needed_nats
 from pa10cal.discovery.rules import BLOCKS
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import is_error_map
@@ -60,7 +60,7 @@ class Search:
         self.begins_with = tuple((effect.id, effect.of) for effect in begins_with)
         self.noise_squares = noise_squares
         self.effect_count = len({one.name for one in family if not is_fault(one.effect)})
-        self.least_gain = 2.0 * threshold(self.effect_count, error_rate)
+        self.least_gain = 2.0 * needed_nats(self.effect_count, error_rate)
         self._empty = start(equations, baseline)
 
     def run(self) -> EffectSet:

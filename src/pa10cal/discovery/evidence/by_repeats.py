@@ -27,7 +27,7 @@ from pa10cal.discovery.evidence.judge import Judgement, floor_mm, judge, shared_
 from pa10cal.discovery.evidence.noise_model import NO_SHARED_ERROR, NoiseModel, SharedVariances
 from pa10cal.discovery.evidence.problem import EvidenceProblem, prepare
 from pa10cal.discovery.evidence.search import EndOfSearch, evidence_about, refit, resized, search
-from pa10cal.discovery.finding import Finding, Untestable, threshold
+from pa10cal.discovery.finding import Finding, Untestable
 from pa10cal.discovery.gap import PairedErrors, errors_of, gap
 from pa10cal.discovery.gross_errors import moved_between_repeats
 from pa10cal.discovery.in_time import in_time_of
@@ -36,6 +36,7 @@ from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit, pure_error
 from pa10cal.discovery.next_poses import separating_poses, unresolved_pairs
 from pa10cal.discovery.noise import same_circumstances, whitener_of
 from pa10cal.discovery.nuisances import NO_MOTION, motion_unexplained, steps_in_time
+from pa10cal.discovery.proof import needed_nats
 from pa10cal.discovery.residual_candidates import gear_lines
 from pa10cal.discovery.rules import EVIDENCE, LINES
 from pa10cal.discovery.short_forms import FormComparison
@@ -91,7 +92,7 @@ class ByRepeats(Scorer):
         return targets_off_m(self.problem, self.extended)
 
     @override
-    def judged(self, fitted: Observations) -> PoseStates:
+    def judged_states(self, fitted: Observations) -> PoseStates:
         return self.judgement.found.problem.cells.states
 
     @override
@@ -189,12 +190,12 @@ class ByRepeats(Scorer):
             return Plan((), ())
 
     @override
-    def keys(self, found: Verdict[ByRepeats]) -> dict[str, Any]:
+    def record_keys(self, found: Verdict[ByRepeats]) -> dict[str, Any]:
         ended = self.judgement.found
         search = SearchByRepeats(
             candidates=found.candidates,
             error_rate=found.error_rate,
-            needed_nats=threshold(found.candidates, found.error_rate),
+            needed_nats=needed_nats(found.candidates, found.error_rate),
             shared_error_mm=SharedError(
                 before=shared_error_mm(self.problem, ended.nothing.variances.pose),
                 after=shared_error_mm(self.problem, ended.score.variances.pose),
@@ -226,7 +227,7 @@ def discover_by_repeats(campaign: preparation.Prepared) -> Verdict[ByRepeats]:
         if problem.in_time.wander is not None:  # lines may have been taken for motion in time
             problem, start = _with_time(readings, campaign, lines)
         found = search(problem, family, error_rate, start)
-    needed = threshold(preparation.effects_in(family), error_rate)
+    needed = needed_nats(preparation.effects_in(family), error_rate)
     return _verdict(campaign, judge(found, needed), start, refused)
 
 

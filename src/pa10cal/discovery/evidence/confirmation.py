@@ -21,7 +21,7 @@ from pa10cal.discovery.evidence.candidates import linearise
 from pa10cal.discovery.evidence.noise_model import NoiseModel, Whitening
 from pa10cal.discovery.evidence.problem import EvidenceProblem
 from pa10cal.discovery.evidence.search import EndOfSearch
-from pa10cal.discovery.finding import Proof, carrier_of
+from pa10cal.discovery.proof import Proof, most_influential_pose
 from pa10cal.discovery.rules import EVIDENCE
 from pa10cal.numerics.gaussian import Gaussian, cv_residual
 from pa10cal.results.discovery import CrossValidation, EvidenceByRepeats
@@ -79,7 +79,7 @@ def confirm(
             cross_validation_over_loads=_cross_validation(by_cell, k, load, pose)
             if len(loads) > 1
             else None,
-            carrier=_carrier(rows, k, pose, labels, needed),
+            influential_pose=_influential_pose(rows, k, pose, labels, needed),
         )
         for k, without in enumerate(found.without)
     )
@@ -193,7 +193,7 @@ def _share_of_flips(rows: WhitenedRows, k: int, pose: Index, signs: Array) -> fl
     return float((1 + np.count_nonzero(highest >= of_member)) / (1 + len(signs)))
 
 
-def _carrier(
+def _influential_pose(
     rows: WhitenedRows, k: int, pose: Index, labels: NDArray[np.str_], needed: float
 ) -> str | None:
     """Return the pose without which member k has little evidence; None if there is none."""
@@ -206,7 +206,7 @@ def _carrier(
     of_each = (pose[rows.cell] == number for number in range(len(labels)))
     of_poses = (Gaussian.of(rows.own[at], rows.data[at]) for at in of_each)
     without = np.array([evidence_of_member(total - of_pose) for of_pose in of_poses])
-    return carrier_of(labels, without, evidence_of_member(total), needed)
+    return most_influential_pose(labels, without, evidence_of_member(total), needed)
 
 
 def _cross_validation(

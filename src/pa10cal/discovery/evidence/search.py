@@ -13,8 +13,8 @@ from pa10cal.discovery.evidence.fit import EvidenceFit, fit
 from pa10cal.discovery.evidence.likelihood import CandidateSet, Score, SetEvidence
 from pa10cal.discovery.evidence.noise_model import SharedVariances
 from pa10cal.discovery.evidence.problem import EvidenceProblem, prepare
-from pa10cal.discovery.finding import threshold
 from pa10cal.discovery.preparation import effects_in
+from pa10cal.discovery.proof import needed_nats
 from pa10cal.discovery.rules import EVIDENCE
 from pa10cal.terms.effects.effect import Effect
 
@@ -44,7 +44,7 @@ class EndOfSearch:
         If a rival is the truth, the probability that it falls behind by more than this is below
         `missed_rate` for the whole family (Markov's inequality, as for the search).
         """
-        return threshold(effects_in(self.family), EVIDENCE.missed_rate)
+        return needed_nats(effects_in(self.family), EVIDENCE.missed_rate)
 
 
 def evidence_about(
@@ -58,7 +58,7 @@ def search(
     problem: EvidenceProblem, family: tuple[Effect, ...], error_rate: float, start: EvidenceFit
 ) -> EndOfSearch:
     """Find the set of effects of a family that the data support, from the model without effects."""
-    needed = threshold(effects_in(family), error_rate)
+    needed = needed_nats(effects_in(family), error_rate)
     same = indistinguishable(problem, start, family)
     current = start
     chosen: CandidateSet = ()
