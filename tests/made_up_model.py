@@ -21,7 +21,7 @@ from pa10cal.options import Tolerances
 from pa10cal.terms.effects.effect import candidates
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
-from pa10cal.terms.term import link_departures, tool_frame
+from pa10cal.terms.offsets import link_departures, tool_frame
 
 PAYLOAD = Payload(2.4, np.array([0.01, 0.0, 0.05]), np.zeros(3), np.array([0.0, 0.0, -9.81]))
 

@@ -9,7 +9,7 @@ import numpy as np
 from made_up_model import fitted, fitted_to
 from pa10cal.options import Tolerances
 from pa10cal.terms.joint_spring import JointSpring
-from pa10cal.terms.term import link_departures, tool_frame
+from pa10cal.terms.offsets import link_departures, tool_frame
 
 #: Standard uncertainty of every parameter, of its typical size.
 PART = 0.02

@@ -17,7 +17,7 @@ from pa10cal.files.coupling import coupling_in_words
 from pa10cal.fit.fitted_model import load_model
 from pa10cal.options import Tolerances
 from pa10cal.terms.model import Model
-from pa10cal.terms.term import link_departures
+from pa10cal.terms.offsets import link_departures
 
 ROWS = [{"a_m": 0.3, "alpha_deg": 90.0}, {"a_m": 0.5}, {"a_m": 0.4, "alpha_deg": -90.0}]
 QUILL = [{"a_m": 0.25}, {"a_m": 0.2, "alpha_deg": 180.0}]

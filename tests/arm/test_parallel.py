@@ -12,7 +12,7 @@ from pa10cal.arm.chain import BASE, TOOL, Chain, end_pose_with_screws, frames
 from pa10cal.arm.description import NEARLY_PARALLEL_RAD, neighbouring_axes, with_hayati_rows
 from pa10cal.files.arms import arm_names, load_arm
 from pa10cal.options import Tolerances
-from pa10cal.terms.term import link_departures
+from pa10cal.terms.offsets import link_departures
 
 TILT = st.sampled_from([0.0, 1e-7, 0.02, np.pi - 0.02, np.pi, -0.3, np.pi / 2])
 

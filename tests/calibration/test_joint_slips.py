@@ -21,7 +21,8 @@ from pa10cal.campaign.read import read_campaign
 from pa10cal.files.arms import arm_text, parse_arm
 from pa10cal.options import Tolerances
 from pa10cal.terms.model import Model
-from pa10cal.terms.term import TermParameter, link_departures
+from pa10cal.terms.offsets import link_departures
+from pa10cal.terms.term import TermParameter
 
 #: What is logged of each kind of arm, as the coupling that it takes to read it.
 KINDS = {

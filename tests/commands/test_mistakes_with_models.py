@@ -18,7 +18,7 @@ from pa10cal.fit.fitted_model import save_model
 from pa10cal.fit.validity import AngleCoverage
 from pa10cal.options import Tolerances
 from pa10cal.terms.joint_spring import JointSpring
-from pa10cal.terms.term import link_departures
+from pa10cal.terms.offsets import link_departures
 
 JOINTS = [f"q{k}_deg" for k in range(1, 7)]
 POSE = ["x_mm", "y_mm", "z_mm", "qw", "qx", "qy", "qz"]

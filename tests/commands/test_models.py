@@ -34,7 +34,7 @@ from pa10cal.results.comparison import ComparisonRecord
 from pa10cal.terms.effects.effect import candidates
 from pa10cal.terms.effects.joint import Backlash
 from pa10cal.terms.joint_spring import JointSpring
-from pa10cal.terms.term import link_departures
+from pa10cal.terms.offsets import link_departures
 
 JOINTS = ",".join(f"q{k}_deg" for k in range(1, 7))
 POSE = "x_mm,y_mm,z_mm,qw,qx,qy,qz"

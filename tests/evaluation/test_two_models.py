@@ -20,7 +20,7 @@ from pa10cal.evaluation import two_models
 from pa10cal.fit.fitted import FallBack
 from pa10cal.fit.validity import AngleCoverage, nothing_seen
 from pa10cal.options import Tolerances
-from pa10cal.terms.term import link_departures
+from pa10cal.terms.offsets import link_departures
 
 
 def over_u(found, name):

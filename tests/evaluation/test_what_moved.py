@@ -21,8 +21,8 @@ from pa10cal.terms.effects.structure import LinkTorsion, ToolSag
 from pa10cal.terms.field import Field
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
-from pa10cal.terms.of_campaign import OfCampaign, motion_of_base
-from pa10cal.terms.term import base_frame, tool_frame
+from pa10cal.terms.offsets import base_frame, motion_of_base, tool_frame
+from pa10cal.terms.wrapped import OfCampaign
 from pa10cal_lab.simulated import measure, observations_of, payload_of_individual
 
 ARM = load_arm("ur10")

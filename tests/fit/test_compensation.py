@@ -22,7 +22,7 @@ from pa10cal.options import Tolerances
 from pa10cal.terms.effects.joint import Backlash
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
-from pa10cal.terms.term import link_departures, tool_frame
+from pa10cal.terms.offsets import link_departures, tool_frame
 
 
 def links(arm):

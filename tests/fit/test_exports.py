@@ -26,7 +26,7 @@ from pa10cal.options import Tolerances
 from pa10cal.stages.export import DEPARTURES, remove_exported
 from pa10cal.terms.effects.readings import Scale
 from pa10cal.terms.joint_spring import JointSpring
-from pa10cal.terms.term import link_departures, tool_frame
+from pa10cal.terms.offsets import link_departures, tool_frame
 
 
 def links(arm):

@@ -40,8 +40,8 @@ from pa10cal.terms.effects.joint import Backlash, JointCoupling
 from pa10cal.terms.effects.structure import ToolSag
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
+from pa10cal.terms.offsets import link_departures, tool_frame
 from pa10cal.terms.plain import term_to_plain
-from pa10cal.terms.term import link_departures, tool_frame
 from pa10cal.terms.weights import Weights
 
 

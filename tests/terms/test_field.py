@@ -11,8 +11,8 @@ from made_up_poses import at_rest
 from pa10cal.errors import TermError
 from pa10cal.terms.effects.joint import Backlash, EncoderEccentricity
 from pa10cal.terms.field import Field, Nameless, embedded, well_spread
+from pa10cal.terms.offsets import base_frame
 from pa10cal.terms.plain import term_from_plain, term_to_plain
-from pa10cal.terms.term import base_frame
 
 RNG = np.random.default_rng(4)
 PLACES = RNG.uniform(-1.5, 1.5, (7, 3))

@@ -23,8 +23,8 @@ from pa10cal.terms.effects.joint_error_map import (
     SensorError,
 )
 from pa10cal.terms.joint_spring import JointSpring
+from pa10cal.terms.offsets import base_frame, link_departures
 from pa10cal.terms.plain import term_from_plain, term_kinds, term_to_plain
-from pa10cal.terms.term import base_frame, link_departures
 
 numbers = st.floats(min_value=-1e6, max_value=1e6, allow_nan=False)
 positive = st.floats(min_value=1e-6, max_value=1e6)

@@ -23,9 +23,10 @@ from pa10cal.options import Tolerances
 from pa10cal.terms.effects.joint import Backlash
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
-from pa10cal.terms.of_campaign import OfCampaign
+from pa10cal.terms.offsets import base_frame, link_departures, tool_frame
 from pa10cal.terms.plain import term_kinds
-from pa10cal.terms.term import Traits, base_frame, fixed, link_departures, tool_frame
+from pa10cal.terms.term import Traits
+from pa10cal.terms.wrapped import OfCampaign, fixed
 
 PACKAGE = Path(pa10cal.__file__).parent
 

@@ -17,8 +17,9 @@ from pa10cal.terms.joint_spring import (
     stiffness_by_solved,
 )
 from pa10cal.terms.model import Model
-from pa10cal.terms.term import base_frame, fixed, link_departures
+from pa10cal.terms.offsets import base_frame, link_departures
 from pa10cal.terms.weights import Weights
+from pa10cal.terms.wrapped import fixed
 
 TERMS = {
     "link departures": (link_departures(load_arm("pa10_6ce"), Tolerances()), None),

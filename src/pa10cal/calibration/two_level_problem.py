@@ -23,7 +23,8 @@ from pa10cal.frame.point_fits import cross_matrix, pose_error
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
 from pa10cal.terms.model import Model
-from pa10cal.terms.term import Report, TermParameter, base_frame
+from pa10cal.terms.offsets import base_frame
+from pa10cal.terms.term import Report, TermParameter
 
 
 def spread_poses(observations: Observations[Pose], count: int | Literal["all"]) -> tuple[str, ...]:

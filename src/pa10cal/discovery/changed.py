@@ -32,7 +32,7 @@ from pa10cal.observe.time_order import (
     step_thresholds,
 )
 from pa10cal.terms.effects.effect import Effect
-from pa10cal.terms.term import Offsets
+from pa10cal.terms.offsets import Offsets
 
 #: `zero` is that of a joint, see `joint_steps`.
 Kind = Literal["base", "beam", "target", "tool", "model", "zero"]

@@ -18,7 +18,8 @@ from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.problem import possible_sizes
 from pa10cal.observe.observations import Observations
 from pa10cal.terms.effects.effect import Effect
-from pa10cal.terms.term import Offsets, Term, TermParameter, base_frame
+from pa10cal.terms.offsets import Offsets, base_frame
+from pa10cal.terms.term import Term, TermParameter
 
 
 def residual(at: FittedModel, poses: Observations) -> Array:

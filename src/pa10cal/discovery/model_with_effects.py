@@ -16,8 +16,8 @@ from pa10cal.observe.quantities import Start
 from pa10cal.options import Tolerances
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.model import Model
-from pa10cal.terms.of_campaign import about_moved_base, motion_of_base
-from pa10cal.terms.term import base_frame
+from pa10cal.terms.offsets import base_frame, motion_of_base
+from pa10cal.terms.wrapped import about_moved_base
 
 
 @dataclass(frozen=True, eq=False)

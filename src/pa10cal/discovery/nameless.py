@@ -30,7 +30,8 @@ from pa10cal.observe.observations import Observations
 from pa10cal.terms.effects.effect import CandidateContext, Effect, every_effect, everywhere_but
 from pa10cal.terms.field import Nameless
 from pa10cal.terms.model import Model
-from pa10cal.terms.term import Term, base_frame, tool_frame
+from pa10cal.terms.offsets import base_frame, tool_frame
+from pa10cal.terms.term import Term
 
 F = TypeVar("F", bound=Fitted)
 

@@ -33,7 +33,7 @@ from pa10cal.observe.instrument import group_means
 from pa10cal.observe.observations import Observations, part_of, reading_groups
 from pa10cal.results.evaluation import PartOfCampaign
 from pa10cal.rules import COMPARED
-from pa10cal.terms.of_campaign import motion_of_base
+from pa10cal.terms.offsets import motion_of_base
 
 
 @dataclass(frozen=True, eq=False)

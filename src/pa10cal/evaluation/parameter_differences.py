@@ -20,8 +20,8 @@ from pa10cal.arrays import Array, Index
 from pa10cal.errors import ModelError
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.rules import COMPARED
-from pa10cal.terms.of_campaign import motion_of_base, small_motion
-from pa10cal.terms.term import Term, TermParameter, is_tool
+from pa10cal.terms.offsets import is_tool, motion_of_base, small_motion
+from pa10cal.terms.term import Term, TermParameter
 
 #: Fields of an arm that define its rigid kinematics: those of each row, and its constant frames.
 _LAYOUT = ("prismatic", "theta_rad", "d_m", "a_m", "alpha_rad", "beta_rad")

@@ -35,7 +35,8 @@ from pa10cal.observe.paths import along_a_path
 from pa10cal.rules import LACK, SCATTER
 from pa10cal.terms.field import embedded, well_spread
 from pa10cal.terms.model import Model
-from pa10cal.terms.term import base_frame, fixed
+from pa10cal.terms.offsets import base_frame
+from pa10cal.terms.wrapped import fixed
 
 #: Least divisor, and least variance [m², rad²] (computing).
 _TINY, _NO_VARIANCE = 1e-300, 1e-24

@@ -26,8 +26,8 @@ from pa10cal.observe.quantities import Comparison, Deviations
 from pa10cal.results.calibration import Health, InputFinding
 from pa10cal.results.record import CampaignIdentity, Part
 from pa10cal.terms.model import Model
-from pa10cal.terms.of_campaign import OfCampaign, of_campaign, of_one_campaign
 from pa10cal.terms.term import Report, Term, TermParameter
+from pa10cal.terms.wrapped import OfCampaign, of_campaign, of_one_campaign
 
 if TYPE_CHECKING:
     import pandas as pd

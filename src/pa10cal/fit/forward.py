@@ -18,8 +18,8 @@ from pa10cal.numerics.periodic_spline import MapMotion, position_covariance
 from pa10cal.rules import LACK
 from pa10cal.terms.effects.joint_error_map import is_error_map
 from pa10cal.terms.model import Model
-from pa10cal.terms.of_campaign import OF
 from pa10cal.terms.term import Term, shows_torque, yields
+from pa10cal.terms.wrapped import OF
 
 #: Step of central differences of the terms by the joints [rad, m]: nine digits are right even for
 #: harmonics as fine as a gear's (computing).

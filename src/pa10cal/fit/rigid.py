@@ -15,7 +15,7 @@ from pa10cal.fit.forward import T_flange_frame, moves_robot, pose_difference, pr
 from pa10cal.observe.observations import Observations
 from pa10cal.options import Tolerances
 from pa10cal.rules import PARAMETERS
-from pa10cal.terms.term import link_departures
+from pa10cal.terms.offsets import link_departures
 
 #: Kinds of link parameters, their factor to the unit of the table, and that unit (unit).
 _KINDS = {

@@ -23,8 +23,8 @@ from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import JointLog, Observations
 from pa10cal.observe.quantities import Comparison, Deviations, Misfit, Start, Words
 from pa10cal.rules import READINGS
-from pa10cal.terms.of_campaign import of_campaign
 from pa10cal.terms.term import TermParameter
+from pa10cal.terms.wrapped import of_campaign
 
 Part = TypeVar("Part")
 #: Separates the name of a campaign from the label of a pose.

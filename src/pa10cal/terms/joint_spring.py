@@ -16,7 +16,8 @@ from pa10cal.arrays import Array
 from pa10cal.errors import CalibrationError
 from pa10cal.options import Tolerances
 from pa10cal.terms.model import Model
-from pa10cal.terms.term import OPTIONAL, Report, Role, Term, TermParameter, Traits, link_departures
+from pa10cal.terms.offsets import link_departures
+from pa10cal.terms.term import OPTIONAL, Report, Role, Term, TermParameter, Traits
 
 #: Sizes by which the solver scales, near the uncertainties of a good campaign.
 _WINDUP_SCALE_RAD = 1e-5

@@ -18,9 +18,10 @@ from pa10cal.errors import TermError, remedy_for
 from pa10cal.terms.effects.effect import every_effect
 from pa10cal.terms.field import Field, Nameless, is_nameless
 from pa10cal.terms.joint_spring import JointSpring
-from pa10cal.terms.of_campaign import OfCampaign, of_one_campaign
-from pa10cal.terms.term import OPTIONAL, Offsets, Term
+from pa10cal.terms.offsets import Offsets
+from pa10cal.terms.term import OPTIONAL, Term
 from pa10cal.terms.weights import FAULTS, Weights, holds_weights
+from pa10cal.terms.wrapped import OfCampaign, of_one_campaign
 
 
 def term_to_plain(term: Term) -> dict[str, Any]:

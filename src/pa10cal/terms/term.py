@@ -1,21 +1,17 @@
-"""What a term is: parameters that shift chain coordinates or torques; offsets and fixed terms."""
+"""What a term is: parameters that shift chain coordinates or torques, and what is asked of it."""
 
 from __future__ import annotations
 
-import re
 from abc import abstractmethod
 from collections.abc import Collection
-from dataclasses import dataclass, replace
-from functools import cache, cached_property
-from typing import ClassVar, Literal, Protocol, TypeGuard, cast
+from dataclasses import dataclass
+from functools import cache
+from typing import ClassVar, Literal, Protocol, TypeGuard
 
 import numpy as np
 
-from pa10cal.arm.chain import BASE, TOOL
-from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
-from pa10cal.options import Tolerances
 
 #: In the metadata of a field of a term: omitted from files where it has its default.
 OPTIONAL = "optional"
@@ -279,6 +275,14 @@ def report_as_solved(parameters: tuple[TermParameter, ...], x: Array) -> Report:
     return Report(parameters, x, np.eye(len(x)))
 
 
+@cache
+def identity(size: int) -> Array:
+    """Return the identity (size, size), read only."""
+    matrix = np.eye(size)
+    matrix.setflags(write=False)
+    return matrix
+
+
 # Base classes of terms that change torques, and move the arm through its springs alone.
 
 
@@ -324,215 +328,3 @@ class JointTorqueOnly(TorqueOnly):
         derivative = np.zeros((*states.tau_Nm.shape, len(x)))
         derivative[:, self.joint - 1] = self.per_unit(states).reshape(len(states), len(x))
         return derivative
-
-
-# Constant departures of chain coordinates: link parameters and the base frame.
-
-#: Roles of chain coordinates by what their names begin with (`theta_2`, `base.rx`).
-_KIND = re.compile(r"[._]")
-_ROLES: dict[str, Role] = {"theta": "zero", "beta": "tilt", "base": "base", "tool": "tool"}
-
-
-@dataclass(frozen=True)
-class Offsets(Traits):
-    """Adds each parameter to one chain coordinate, the same in every pose."""
-
-    parameters: tuple[TermParameter, ...]  # k parameters
-    coordinates: tuple[str, ...]  # the k coordinates they shift
-    of: str = "links"  # `links`, `base` or `tool`
-    id: ClassVar[str] = "offsets"
-    formula: ClassVar[str] = (
-        "each parameter is added to the coordinate of the chain at its place in the list"
-    )
-    constant: ClassVar[bool] = True
-
-    @property
-    def stays_with_arm(self) -> bool:
-        return self.of == "links"
-
-    @cached_property
-    def roles(self) -> tuple[Role, ...]:
-        return tuple(_ROLES.get(_KIND.split(name)[0], "link") for name in self.coordinates)
-
-    def only(self, names: Collection[str]) -> Offsets:
-        """Return the named parameters with their coordinates, in the order of this term."""
-        kept = [k for k, parameter in enumerate(self.parameters) if parameter.name in names]
-        return replace(
-            self,
-            parameters=tuple(self.parameters[k] for k in kept),
-            coordinates=tuple(self.coordinates[k] for k in kept),
-        )
-
-    def shift(self, states: PoseStates, x: Array) -> Array:
-        return x[None, :]
-
-    def derivative(self, states: PoseStates, x: Array) -> Array:
-        return identity(len(x))[None]
-
-    def report(self, x: Array) -> Report:
-        return report_as_solved(self.parameters, x)
-
-
-@cache
-def identity(size: int) -> Array:
-    """Return the identity (size, size), read only."""
-    matrix = np.eye(size)
-    matrix.setflags(write=False)
-    return matrix
-
-
-def link_departures(arm: Arm, tolerances: Tolerances) -> Offsets:
-    """Build the departures of all link parameters: a, alpha, d (or beta), theta of every row.
-
-    A row with Hayati's parameter has beta in place of d (paper, Table I).
-    """
-    kinds = {
-        "a": (tolerances.a_m, "m"),
-        "alpha": (tolerances.alpha_rad, "rad"),
-        "d": (tolerances.d_m, "m"),
-        "beta": (tolerances.beta_rad, "rad"),
-        "theta": (tolerances.theta_rad, "rad"),
-    }
-    coordinates = tuple(
-        f"{kind}_{row}"
-        for kind in kinds
-        for row, hayati in enumerate(arm.hayati, start=1)
-        if not (kind == "d" and hayati) and not (kind == "beta" and not hayati)
-    )
-    parameters = tuple(
-        TermParameter(f"delta_{name}", unit, tolerance, tolerance)
-        for name in coordinates
-        for tolerance, unit in (kinds[name.rpartition("_")[0]],)
-    )
-    return Offsets(parameters, coordinates)
-
-
-def base_frame() -> Offsets:
-    """Build the six small motions of the base from its estimated frame."""
-    return _small_motions(BASE, "base")
-
-
-def tool_frame() -> Offsets:
-    """Build the six small motions of the tool at the end of the chain."""
-    return _small_motions(TOOL, "tool")
-
-
-def is_tool(term: Term) -> bool:
-    """Return whether a term is the mounting of the tool; a tool that sags is another term."""
-    return "tool" in term.roles and set(term.coordinates) <= set(TOOL)
-
-
-def _small_motions(names: tuple[str, ...], of: str) -> Offsets:
-    parameters = (
-        TermParameter(name.replace(".", "_"), "rad" if ".r" in name else "m", 1e-3)
-        for name in names
-    )
-    return Offsets(tuple(parameters), names, of=of)
-
-
-# Terms with fixed parameters.
-
-
-@dataclass(frozen=True, eq=False)
-class Fixed(Traits):
-    """A term at fixed parameters: it has no unknowns, and predicts as the term does."""
-
-    term: Term
-    x_term: Array  # (k,) its parameters
-    parameters: ClassVar[tuple[TermParameter, ...]] = ()
-    roles: ClassVar[tuple[Role, ...]] = ()
-
-    @property
-    def id(self) -> str:
-        """Return the id of the term."""
-        return self.term.id
-
-    @property
-    def of(self) -> str:
-        return self.term.of
-
-    @property
-    def formula(self) -> str:
-        return self.term.formula
-
-    @property
-    def coordinates(self) -> tuple[str, ...]:
-        return self.term.coordinates
-
-    @property
-    def bends(self) -> bool:  # type: ignore[override]
-        return self.term.bends
-
-    @property
-    def holds(self) -> Holds:  # type: ignore[override]
-        return self.term.holds
-
-    @property
-    def depends_on(self) -> Condition | None:  # type: ignore[override]
-        return self.term.depends_on
-
-    @property
-    def error_of(self) -> ErrorOf:  # type: ignore[override]
-        return self.term.error_of
-
-    @property
-    def stays_with_arm(self) -> bool:
-        return self.term.stays_with_arm
-
-    def shift(self, states: PoseStates, x: Array) -> Array:
-        return self.term.shift(states, self.x_term)
-
-    def derivative(self, states: PoseStates, x: Array) -> Array:
-        return np.zeros((1, len(self.coordinates), 0))
-
-    def distortion_m(self, states: PoseStates, x: Array) -> Array | None:
-        return self.term.distortion_m(states, self.x_term)
-
-    def carried(self, states: PoseStates, x: Array) -> PoseStates:
-        return self.term.carried(states, self.x_term)
-
-    def report(self, x: Array) -> Report:
-        return Report((), x, np.zeros((0, 0)))
-
-
-@dataclass(frozen=True, eq=False)
-class FixedYielding(Fixed):
-    """A term that turns a joint under the torque it carries, at fixed parameters."""
-
-    term: Yielding
-    yields = True
-
-    @property
-    def joint(self) -> int:
-        return self.term.joint
-
-    def by_torque(self, states: PoseStates, x: Array) -> Array:
-        return self.term.by_torque(states, self.x_term)
-
-
-@dataclass(frozen=True, eq=False)
-class FixedTorque(Fixed):
-    """A term that changes torques, at fixed parameters."""
-
-    term: TorqueTerm
-    shows_torque = True
-
-    @property
-    def acts_on_joint(self) -> bool:
-        return self.term.acts_on_joint
-
-    def torque_Nm(self, states: PoseStates, x: Array) -> Array:
-        return self.term.torque_Nm(states, self.x_term)
-
-    def torque_derivative(self, states: PoseStates, x: Array) -> Array:
-        return np.zeros((*states.tau_Nm.shape, 0))
-
-
-def fixed(term: Term, x_term: Array) -> Term:
-    """Return a term at fixed parameters (k,)."""
-    if shows_torque(term):
-        kind: type[Fixed] = FixedTorque
-    else:
-        kind = FixedYielding if yields(term) else Fixed
-    # Its traits are those of its term, not of its class: a type checker takes them for read-only.
-    return cast("Term", kind(term, x_term))

@@ -17,7 +17,7 @@ from pa10cal.observe.observations import Observations
 from pa10cal.observe.points import Distance, Points
 from pa10cal.observe.pose import Pose
 from pa10cal.options import Tolerances
-from pa10cal.terms.term import link_departures
+from pa10cal.terms.offsets import link_departures
 
 Array = NDArray[np.float64]
 See = Callable[..., Observations]

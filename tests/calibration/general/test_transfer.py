@@ -26,7 +26,7 @@ from pa10cal.options import Tolerances
 from pa10cal.terms.effects.effect import candidates
 from pa10cal.terms.effects.joint_error_map import BandPrior, SensorError
 from pa10cal.terms.model import Model
-from pa10cal.terms.term import link_departures
+from pa10cal.terms.offsets import link_departures
 
 ARM = load_arm("ur10")
 DOWN = np.array([0.0, 0.0, -9.80665])

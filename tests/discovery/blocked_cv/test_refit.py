@@ -16,7 +16,7 @@ from pa10cal.options import Tolerances
 from pa10cal.terms.effects.joint import EncoderEccentricity, JointCompliance, SoftWindup
 from pa10cal.terms.effects.joint_error_map import FadingPrior, JointErrorMap
 from pa10cal.terms.model import Model
-from pa10cal.terms.term import link_departures
+from pa10cal.terms.offsets import link_departures
 
 FINE = JointErrorMap("joint 3", 24, FadingPrior(1e-4, 6.0))
 DISK = EncoderEccentricity("joint 2", 1.0)

@@ -17,7 +17,7 @@ from pa10cal.fit.fitted_model import model_from_plain, model_to_plain
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.points import Points
 from pa10cal.options import Tolerances
-from pa10cal.terms.term import link_departures
+from pa10cal.terms.offsets import link_departures
 
 POSES = 400
 

@@ -41,8 +41,9 @@ from pa10cal.observe.quantities import Deviations, Start
 from pa10cal.observe.time_order import at_one_end
 from pa10cal.results import calibration as records
 from pa10cal.terms.model import Model
-from pa10cal.terms.of_campaign import about_moved_base, motion_of_base
+from pa10cal.terms.offsets import motion_of_base
 from pa10cal.terms.term import Report
+from pa10cal.terms.wrapped import about_moved_base
 
 
 def suspected_outliers(

@@ -27,9 +27,9 @@ from pa10cal.fit.problem import Problem
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.results import calibration as records
 from pa10cal.results.calibration import InputFinding
-from pa10cal.terms.of_campaign import OF
 from pa10cal.terms.term import TermParameter
 from pa10cal.terms.weights import ToolStated
+from pa10cal.terms.wrapped import OF
 
 #: Unit in which a parameter is shown, and the factor to it (unit).
 _SHOWN_UNITS = {"m": ("mm", 1e3), "rad": ("mrad", 1e3), "1": ("ppm", 1e6)}

@@ -23,9 +23,10 @@ from pa10cal.observe.quantities import Start
 from pa10cal.results.calibration import Redundant
 from pa10cal.terms.joint_spring import JointSpring, is_spring
 from pa10cal.terms.model import Model
-from pa10cal.terms.of_campaign import of_one_campaign
-from pa10cal.terms.term import Offsets, Term
+from pa10cal.terms.offsets import Offsets
+from pa10cal.terms.term import Term
 from pa10cal.terms.weights import Weights
+from pa10cal.terms.wrapped import of_one_campaign
 
 
 @dataclass(frozen=True)

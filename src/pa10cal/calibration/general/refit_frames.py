@@ -29,9 +29,10 @@ from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Start
 from pa10cal.options import Tolerances
 from pa10cal.terms.model import Model
-from pa10cal.terms.of_campaign import OfPart, about_moved_base, motion_of_base
-from pa10cal.terms.term import Offsets, Term, fixed, is_tool
+from pa10cal.terms.offsets import Offsets, is_tool, motion_of_base
+from pa10cal.terms.term import Term
 from pa10cal.terms.weights import Weights, WeightSizes, holds_weights
+from pa10cal.terms.wrapped import OfPart, about_moved_base, fixed
 
 F = TypeVar("F", bound=Fitted)
 

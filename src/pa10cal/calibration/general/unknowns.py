@@ -27,8 +27,9 @@ from pa10cal.observe.quantities import Start
 from pa10cal.options import Tolerances
 from pa10cal.results.calibration import Redundant
 from pa10cal.terms.model import Model
-from pa10cal.terms.of_campaign import OfCampaign, OfPart
-from pa10cal.terms.term import Offsets, TermParameter, base_frame, link_departures, tool_frame
+from pa10cal.terms.offsets import Offsets, base_frame, link_departures, tool_frame
+from pa10cal.terms.term import TermParameter
+from pa10cal.terms.wrapped import OfCampaign, OfPart
 
 #: Range of joint positions, either way, where no narrower limit is stated.
 _WIDEST_RAD = np.pi

@@ -61,7 +61,7 @@ from pa10cal.results.maps import JointWitness, PoseScatter
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import is_error_map
 from pa10cal.terms.model import Model
-from pa10cal.terms.of_campaign import motion_of_base
+from pa10cal.terms.offsets import motion_of_base
 from pa10cal.terms.term import Term
 from pa10cal.terms.weights import holds_weights
 

@@ -24,7 +24,8 @@ from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.options import Tolerances
 from pa10cal.terms.joint_spring import is_spring
 from pa10cal.terms.model import Model
-from pa10cal.terms.term import Offsets, Term, link_departures
+from pa10cal.terms.offsets import Offsets, link_departures
+from pa10cal.terms.term import Term
 from pa10cal.terms.weights import holds_weights
 
 

@@ -54,7 +54,7 @@ from pa10cal.results.discovery import SearchByRepeats, SharedError
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint import GearLine
 from pa10cal.terms.forms.form import Form
-from pa10cal.terms.of_campaign import motion_of_base
+from pa10cal.terms.offsets import motion_of_base
 from pa10cal.terms.weights import is_fault
 
 

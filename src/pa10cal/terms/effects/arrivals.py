@@ -10,8 +10,8 @@ import numpy as np
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.terms.effects import effect
-from pa10cal.terms.of_campaign import of_campaign
 from pa10cal.terms.term import TermParameter, Transferred
+from pa10cal.terms.wrapped import of_campaign
 
 
 @dataclass(frozen=True)

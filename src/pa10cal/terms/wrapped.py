@@ -1,4 +1,4 @@
-"""A term that holds in some poses alone: of a campaign of a group, or of a part of a campaign."""
+"""Terms around another one: restricted to some poses, or held at fixed parameters."""
 
 from __future__ import annotations
 
@@ -9,22 +9,52 @@ from typing import ClassVar, TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.chain import BASE
 from pa10cal.arm.statics import PoseStates
-from pa10cal.arrays import Array, homogeneous
+from pa10cal.arrays import Array
 from pa10cal.errors import TermError
-from pa10cal.terms.term import Holds, Report, Role, Term, TermParameter, Traits
+from pa10cal.terms.offsets import motion_of_base, small_motion
+from pa10cal.terms.term import (
+    Holds,
+    Report,
+    Role,
+    Term,
+    TermParameter,
+    TorqueTerm,
+    Traits,
+    Yielding,
+    shows_torque,
+    yields,
+)
 
 #: Separates the name of a parameter or target from that of its campaign; neither contains it.
 OF = "@"
 
 
-class _InSomePoses(Traits):
+class _AroundTerm(Traits):
+    """What a term around another one takes from that."""
+
+    term: Term
+    #: Traits that classes state and that are those of the term here, hence of each instance.
+    of_term: ClassVar[tuple[str, ...]] = ("bends", "depends_on", "error_of")
+
+    def __post_init__(self) -> None:
+        for trait in self.of_term:
+            object.__setattr__(self, trait, getattr(self.term, trait))
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        return self.term.coordinates
+
+
+# Terms of a campaign of a group, or of a part of a campaign.
+
+
+class _InSomePoses(_AroundTerm):
     """Another term, restricted to some poses."""
 
-    term: Term  # the term; it neither turns joints under torque nor shows in logged torques
+    term: Term  # it neither turns joints under torque nor shows in logged torques
     name: str  # name of those poses, which names of parameters end with
 
     def __post_init__(self) -> None:
@@ -35,6 +65,7 @@ class _InSomePoses(Traits):
                 allowed="terms that move the chain alone",
                 remedy="give the term to all campaigns of the group",
             )
+        super().__post_init__()
 
     @property
     def of(self) -> str:
@@ -51,10 +82,6 @@ class _InSomePoses(Traits):
     @property
     def roles(self) -> tuple[Role, ...]:
         return self.term.roles
-
-    @property
-    def coordinates(self) -> tuple[str, ...]:
-        return self.term.coordinates
 
     @property
     def constant(self) -> bool:
@@ -155,12 +182,87 @@ def about_moved_base(terms: Sequence[Term], x: Array, small: Array) -> Array:
     return x
 
 
-def motion_of_base(small: Array) -> Array:
-    """Return the poses (..., 4, 4) of six small motions of the base (..., 6)."""
-    return homogeneous(Rotation.from_euler("XYZ", small[..., 3:]).as_matrix(), small[..., :3])
+# Terms with fixed parameters.
 
 
-def small_motion(T: Array) -> Array:
-    """Return the six small motions (6,) of a pose (4, 4): the inverse of `motion_of_base`."""
-    turn = Rotation.from_matrix(T[:3, :3]).as_euler("XYZ")
-    return np.concatenate([T[:3, 3], turn])
+@dataclass(frozen=True, eq=False)
+class Fixed(_AroundTerm):
+    """A term at fixed parameters: it has no unknowns, and predicts as the term does."""
+
+    term: Term
+    x_term: Array  # (k,) its parameters
+    of_term = (*_AroundTerm.of_term, "holds")
+    parameters: ClassVar[tuple[TermParameter, ...]] = ()
+    roles: ClassVar[tuple[Role, ...]] = ()
+
+    @property
+    def id(self) -> str:
+        """Return the id of the term."""
+        return self.term.id
+
+    @property
+    def of(self) -> str:
+        return self.term.of
+
+    @property
+    def formula(self) -> str:
+        return self.term.formula
+
+    @property
+    def stays_with_arm(self) -> bool:
+        return self.term.stays_with_arm
+
+    def shift(self, states: PoseStates, x: Array) -> Array:
+        return self.term.shift(states, self.x_term)
+
+    def derivative(self, states: PoseStates, x: Array) -> Array:
+        return np.zeros((1, len(self.coordinates), 0))
+
+    def distortion_m(self, states: PoseStates, x: Array) -> Array | None:
+        return self.term.distortion_m(states, self.x_term)
+
+    def carried(self, states: PoseStates, x: Array) -> PoseStates:
+        return self.term.carried(states, self.x_term)
+
+    def report(self, x: Array) -> Report:
+        return Report((), x, np.zeros((0, 0)))
+
+
+@dataclass(frozen=True, eq=False)
+class FixedYielding(Fixed):
+    """A term that turns a joint under the torque it carries, at fixed parameters."""
+
+    term: Yielding
+    yields = True
+
+    @property
+    def joint(self) -> int:
+        return self.term.joint
+
+    def by_torque(self, states: PoseStates, x: Array) -> Array:
+        return self.term.by_torque(states, self.x_term)
+
+
+@dataclass(frozen=True, eq=False)
+class FixedTorque(Fixed):
+    """A term that changes torques, at fixed parameters."""
+
+    term: TorqueTerm
+    shows_torque = True
+
+    @property
+    def acts_on_joint(self) -> bool:
+        return self.term.acts_on_joint
+
+    def torque_Nm(self, states: PoseStates, x: Array) -> Array:
+        return self.term.torque_Nm(states, self.x_term)
+
+    def torque_derivative(self, states: PoseStates, x: Array) -> Array:
+        return np.zeros((*states.tau_Nm.shape, 0))
+
+
+def fixed(term: Term, x_term: Array) -> Term:
+    """Return a term at fixed parameters (k,)."""
+    if shows_torque(term):
+        return FixedTorque(term, x_term)
+    return FixedYielding(term, x_term) if yields(term) else Fixed(term, x_term)

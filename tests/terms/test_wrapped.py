@@ -13,11 +13,15 @@ from pa10cal.arm.chain import Chain
 from pa10cal.errors import TermError
 from pa10cal.files.arms import load_arm
 from pa10cal.terms.effects.joint import FrictionTorque
+from pa10cal.terms.effects.over_time import BaseDrift
+from pa10cal.terms.effects.readings import Scale
+from pa10cal.terms.effects.structure import BaseCompliance
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
-from pa10cal.terms.of_campaign import OfCampaign, about_moved_base, motion_of_base, small_motion
+from pa10cal.terms.offsets import base_frame, motion_of_base, small_motion
 from pa10cal.terms.plain import term_from_plain, term_to_plain
-from pa10cal.terms.term import FixedTorque, base_frame, fixed, shows_torque
+from pa10cal.terms.term import shows_torque
+from pa10cal.terms.wrapped import FixedTorque, OfCampaign, OfPart, about_moved_base, fixed
 
 
 def states(campaign):
@@ -97,3 +101,12 @@ def test_springs_give_way_to_what_joints_carry_all_the_same():
     assert not np.allclose(
         known.predict(states, np.zeros(0)), Model(chain, ()).predict(states, x[:0])
     )
+
+
+@pytest.mark.parametrize(
+    "term", [BaseDrift("base", 0.0), Scale("instrument"), BaseCompliance("base")]
+)
+def test_what_is_around_a_term_bends_varies_and_errs_as_it_does(term):
+    for around in (OfCampaign(term, 1, "b"), OfPart(term, 0.0, 9.0, "b"), fixed(term, np.ones(3))):
+        for trait in ("bends", "depends_on", "error_of", "coordinates"):
+            assert getattr(around, trait) == getattr(term, trait), (around, trait)
