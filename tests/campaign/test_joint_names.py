@@ -6,7 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pa10cal.campaign.file_roles import columns_by_name, named_by_text, roles_of_file
+from pa10cal.campaign.file_roles import roles_of_file
+from pa10cal.campaign.joint_names import aliases_by_text, named_joints
 from pa10cal.campaign.recognise import WORDS, roles_of
 from pa10cal.campaign.sniffing import sniff
 
@@ -28,25 +29,25 @@ UR = ["shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3"]
 )
 def test_words_of_a_limb_give_the_order_whatever_that_of_the_file(names):
     others = ["time", "x", "y", "z", "gripper.pos"]
-    assert columns_by_name([*sorted(names), *others], 6) == tuple(names)
-    assert columns_by_name([*names[::-1], *others], None) == tuple(names)
+    assert named_joints([*sorted(names), *others], 6) == tuple(names)
+    assert named_joints([*names[::-1], *others], None) == tuple(names)
 
 
 def test_the_arms_own_names_come_before_words():
     own = ["elbow_joint", "shoulder_joint", "axis_of_the_hand"]
-    assert columns_by_name(["shoulder", "elbow", "axis_of_the_hand"], 3, own) == (
+    assert named_joints(["shoulder", "elbow", "axis_of_the_hand"], 3, own) == (
         "elbow",
         "shoulder",
         "axis_of_the_hand",
     )
-    assert columns_by_name(["left_shoulder", "left_elbow", "left_axis_of_the_hand"], 3, own)
+    assert named_joints(["left_shoulder", "left_elbow", "left_axis_of_the_hand"], 3, own)
 
 
 def test_measured_columns_come_before_commanded_ones():
     measured = [f"observation.state.{name}.pos" for name in UR]
     commanded = [f"action.{name}.pos" for name in UR]
-    assert columns_by_name([*commanded, *measured], 6) == tuple(measured)
-    assert columns_by_name(commanded, 6) == tuple(commanded)
+    assert named_joints([*commanded, *measured], 6) == tuple(measured)
+    assert named_joints(commanded, 6) == tuple(commanded)
 
 
 @pytest.mark.parametrize(
@@ -63,14 +64,14 @@ def test_measured_columns_come_before_commanded_ones():
     ],
 )
 def test_names_that_tell_no_order_give_none(names, joints, own):
-    assert columns_by_name(names, joints, own) == ()
+    assert named_joints(names, joints, own) == ()
 
 
 def test_columns_of_text_name_the_numbered_ones_beside_them():
     names = [f"{stem}{k}" for stem in ("name", "position", "velocity", "other") for k in range(3)]
     names = [*names, "other3", "x", "1", "2"]
     same = {"name0": "elbow", "name1": "waist", "name2": "shoulder"}
-    called = named_by_text(names, same)
+    called = aliases_by_text(names, same)
     assert called["position1"] == "waist position"
     assert called["velocity2"] == "shoulder velocity"
     assert set(called) == {f"{stem}{k}" for stem in ("position", "velocity") for k in range(3)}
@@ -86,7 +87,7 @@ def test_columns_of_text_name_the_numbered_ones_beside_them():
 )
 def test_text_that_is_no_list_of_names_names_nothing(same):
     names = [f"{stem}{k}" for stem in ("name", "position") for k in range(3)]
-    assert named_by_text(names, same) == {}
+    assert aliases_by_text(names, same) == {}
 
 
 @pytest.fixture
@@ -136,7 +137,7 @@ def test_some_words_of_a_limb_are_no_joints_beside_numbered_ones(roles, others):
 )
 def test_one_more_column_of_a_limb_hides_no_joints(other):
     names = ["base", "shoulder", "elbow", "wrist1", "wrist2", "wrist3"]
-    assert columns_by_name([*other, *names, "x"], 6) == tuple(names)
+    assert named_joints([*other, *names, "x"], 6) == tuple(names)
 
 
 @pytest.mark.parametrize("sign", [" ", "_"])

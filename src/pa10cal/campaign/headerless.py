@@ -15,7 +15,7 @@ from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array, Index, spread
 from pa10cal.campaign.column_map import ANGLES, LENGTHS
 from pa10cal.campaign.csv_rows import same_name
-from pa10cal.campaign.file_roles import joint_sets
+from pa10cal.campaign.joint_names import joint_sets
 from pa10cal.campaign.joint_positions import in_radians
 from pa10cal.campaign.nominal_fit import placed_by_points
 from pa10cal.campaign.recognise import Roles, standing

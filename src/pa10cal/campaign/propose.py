@@ -12,9 +12,10 @@ import numpy as np
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array
+from pa10cal.campaign.bounds import in_words
 from pa10cal.campaign.description import DESCRIPTION_FILE, SCHEMA, CampaignDescription
 from pa10cal.campaign.file_roles import (
-    read_as,
+    follows_contract,
     refuse_unrecognised,
     roles_of_file,
 )
@@ -30,9 +31,11 @@ from pa10cal.campaign.joint_positions import (
     in_radians,
     position_columns,
 )
+from pa10cal.campaign.own_columns import FileColumns
 from pa10cal.campaign.proposed_columns import ProposedColumns
 from pa10cal.campaign.recognise import (
     Roles,
+    unit_of,
 )
 from pa10cal.campaign.row_targets import (
     labels_without_targets,
@@ -44,6 +47,8 @@ from pa10cal.errors import RawDataError
 from pa10cal.options import IngestOptions
 from pa10cal.settings_reading import parse_section
 
+#: Columns of the contract that are read wherever they are.
+_CONTRACT_ALONE = ("time_s", "kind", "pose", "load_N", "repeat", "temperature_C")
 #: Standard uncertainty of the instrument that is proposed where the file states none.
 ASSUMED_MM = 0.05
 
@@ -240,7 +245,7 @@ def _proposal(
         "columns": {key: columns for key, (_, _, columns) in files.items()},
     }
     lines = [
-        line for file, log, columns in files.values() for line in read_as(log, columns, file, arm)
+        line for file, log, columns in files.values() for line in _read_as(log, columns, file, arm)
     ]
     known = tuple(
         "; ".join((f"{file}: {log.format.title}: {log.format.holds}", *log.notes)).replace("`", "")
@@ -248,3 +253,38 @@ def _proposal(
         if log.format is not None
     )
     return ColumnsProposal(content, tuple(checks), tuple(lines), known)
+
+
+def _read_as(
+    sniffed: Sniffed, columns: Mapping[str, Any], file: str, arm: Arm | None
+) -> tuple[str, ...]:
+    """Return a line for every column of a file: what it is read as, or that it is not read.
+
+    Without an arm all joints are taken for revolute ones. A file of the contract needs no mapping
+    of what it states beside its readings.
+    """
+    model = FileColumns.model_validate(columns)
+    count = 0 if model.joints is None else len(model.joints.names)
+    slides = np.zeros(count, dtype=bool) if arm is None else arm.axes_slide
+    uses: dict[str, dict[str, None]] = {}
+    for ours, source in model.sources(slides):
+        for own in source.names:
+            how = in_words(ours) + (f", in {source.unit}" if source.unit else "")
+            uses.setdefault(own, {})[how] = None
+    if model.target is not None:
+        uses.setdefault(model.target.names[0], {})["which target the row is of"] = None
+    if follows_contract(sniffed):
+        for name in sniffed.names:
+            if name in _CONTRACT_ALONE or name.removeprefix("u_") in uses:
+                unit = unit_of(name)
+                uses.setdefault(name, {in_words(name) + (f", in {unit}" if unit else ""): None})
+    encoding = sniffed.encoding.removesuffix("-sig")
+    encoding = encoding or ("arrays" if sniffed.format else "a workbook")
+    lines = [f"{file}: {encoding}, {len(sniffed.names)} columns, {len(sniffed.text)} rows seen"]
+    shown = list(sniffed.names)
+    if sniffed.titles:
+        shown = [f"{k} ({title})" for k, title in zip(shown, sniffed.titles, strict=True)]
+    width = max(map(len, shown))
+    for name, label in zip(sniffed.names, shown, strict=True):
+        lines.append(f"  {label:{width}}  {'; '.join(uses.get(name, ['not read']))}")
+    return tuple(lines)

@@ -28,10 +28,7 @@ from pa10cal.campaign.conventions import (
     modelled_attitudes,
     read_polar,
 )
-from pa10cal.campaign.file_roles import (
-    notes_on_joints,
-    unit_by_size,
-)
+from pa10cal.campaign.csv_rows import same_name
 from pa10cal.campaign.inverse_poses import way_of_inverse_poses
 from pa10cal.campaign.joint_positions import (
     CountScale,
@@ -44,6 +41,7 @@ from pa10cal.campaign.raw_file import quaternions
 from pa10cal.campaign.recognise import (
     WORDS,
     Roles,
+    beyond,
     coverage_of,
     from_horizon,
     plain,
@@ -62,6 +60,8 @@ from pa10cal.frame.target_problem import scale_of_points
 AGREES_RAD = np.radians(3.0)
 #: Above this none is nearer than another, as of orientations drawn at random: names decide.
 _ALL_ALIKE_RAD = np.radians(90.0)
+#: Larger positions are no radians.
+_TURN_RAD = 2.0 * np.pi + 0.1
 #: Polar readings agree with the nominal arm below this rms misfit.
 AGREES_M = 0.03
 
@@ -89,7 +89,7 @@ class ProposedColumns:
         logged = self.sniffed.columns(names)
         slides = np.zeros(len(names), bool) if self.arm is None else self.arm.axes_slide
         columns = self._labels()
-        self.checks += notes_on_joints(self.sniffed, names)
+        self.checks += _notes_on_joints(self.sniffed, names)
         unit = self._unit_of_angles(logged, slides)
         columns["joints"] = {"names": list(names), "unit": unit}
         factor = np.full(len(names), ANGLES.get(unit, 1.0))
@@ -142,7 +142,7 @@ class ProposedColumns:
         p_m = None
         if places and self.arm is not None and not slides.any():
             p = self.sniffed.columns(places[0])
-            p_m = 1e-3 * LENGTHS[self._stated(places[0], LENGTHS) or unit_by_size(p)] * p
+            p_m = 1e-3 * LENGTHS[self._stated(places[0], LENGTHS) or _unit_by_size(p)] * p
         scale = scale_of_counts(logged, self.arm, p_m)
         by = "the nominal arm agrees so" if np.isfinite(scale.misfit_m) else "by the numbers alone"
         self.checks.append(
@@ -336,7 +336,7 @@ class ProposedColumns:
             best = min(near, key=lambda unit: near[unit], default=None)
             if best is not None and near[best] < np.log(1.5):
                 return best
-        unit = unit_by_size(p)
+        unit = _unit_by_size(p)
         self.checks.append(f"unit of {names[0]} …: {unit}, by the size of the numbers")
         return unit
 
@@ -392,3 +392,37 @@ class ProposedColumns:
 def _unless(unit: str, usual: str) -> dict[str, str]:
     """Return the key `unit`, unless the unit is the default."""
     return {} if unit == usual else {"unit": unit}
+
+
+def _unit_by_size(p: Array) -> str:
+    """Return the unit of positions (N, k) of a target by their size: metres or millimetres."""
+    seen = np.isfinite(p).all(axis=1)
+    far = np.abs(p[seen]).max(initial=0.0)  # for a target at rest, too
+    extent = np.ptp(p[seen], axis=0).max() if seen.any() else 0.0
+    return "mm" if max(extent, 0.2 * far) > 20.0 else "m"
+
+
+def _notes_on_joints(sniffed: Sniffed, joints: Sequence[str]) -> list[str]:
+    """Return what the user should check of the columns chosen for joints."""
+    every = sniffed.titles or sniffed.names
+    titled = [every[sniffed.names.index(name)] for name in joints]
+    first = titled[0].partition(" (")[0]
+    same = [k for k in range(1, len(every)) if same_name(first, k) in every]
+    found = []
+    if more := beyond(every, titled):
+        found.append(
+            f"joints: the arm has {len(joints)}, so {', '.join(more)} is not read: a gripper, or "
+            "an outer axis? if it is an axis of the arm, name another arm"
+        )
+    largest = np.nanmax(np.abs(sniffed.columns(joints)), initial=0.0)
+    if all(name.endswith(".pos") for name in titled) and _TURN_RAD < largest <= 100.0:
+        found.append(
+            f"joints: {titled[0]} … lie within -100 to 100: LeRobot writes percents of each "
+            "joint's range so, which are no angles; log degrees (use_degrees)"
+        )
+    if len(same) > 1:
+        found.append(
+            f"joints: {titled[0]} is there {len(same)} times, of several arms perhaps; "
+            f"{titled[0]} to {titled[-1]} is read: name others where the arm is another one"
+        )
+    return found
