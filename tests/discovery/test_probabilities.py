@@ -13,9 +13,9 @@ from pa10cal.discovery import verdict
 from pa10cal.discovery.finding import Explanations, Finding, Rival
 from pa10cal.discovery.proof import UnknownCause
 from pa10cal.discovery.rules import PROBABILITIES
+from pa10cal.terms.effects.generic import DirectionMap
 from pa10cal.terms.effects.joint import Backlash, GearRatioError
 from pa10cal.terms.effects.over_time import BaseDrift
-from pa10cal.terms.effects.unnamed import DirectionMap
 
 SURE = 1.0 - PROBABILITIES.unknown
 BACKLASH, GEAR = Backlash("joint 1"), GearRatioError("joint 1")

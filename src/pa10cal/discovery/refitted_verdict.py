@@ -97,21 +97,23 @@ def unfit(finding: Finding, model: FittedModel, states: PoseStates | None = None
     effect = finding.effect
     linear = slice(0, effect.linear)
     x = model.values_of(effect)[linear]
-    if effect.limits.positive and x.min() < 0.0:
+    limits = effect.limits_at(model.arm.reach_m)
+    if limits.positive and x.min() < 0.0:
         names = ", ".join(finding.parameters)
         yield f"its {names} would be negative, which is not physical"
-    if effect.limits.possible is not None:
-        low, high, why = effect.limits.possible
+    if limits.values is not None:
+        low, high = limits.values
         value, std = float(finding.x[0]), float(np.sqrt(max(finding.covariance[0, 0], 0.0)))
         if value + HALF_WIDTH_95 * std < low or value - HALF_WIDTH_95 * std > high:
             name, unit = effect.reported[0].name, effect.reported[0].unit
-            yield f"its {name} would be {value:.2g} ± {HALF_WIDTH_95 * std:.1g} {unit}: {why}"
+            found = f"{value:.2g} ± {HALF_WIDTH_95 * std:.1g} {unit}"
+            yield f"its {name} would be {found}: {limits.why}"
     size = effect.size(x)
     if size > NAMES.most_sizes and not _has_other_limits(effect, model):
         yield f"it would be {size:.0f} times as large as is plausible"
-    limit = None if states is None else effect.turn_limit(model.arm.reach_m)
-    if limit is not None and states is not None:
-        yield from _turns_too_far(finding, model.values_of(effect), states, *limit)
+    if states is not None and limits.turn_rad is not None:
+        x_whole, most_rad = model.values_of(effect), limits.turn_rad
+        yield from _turns_too_far(finding, x_whole, states, most_rad, limits.why)
     yield from holds_zero(effect, model)
     if len(finding.alternatives) > NAMES.most_alternatives:
         yield f"{len(finding.alternatives)} other effects explain the data as well"
@@ -123,8 +125,8 @@ def _has_other_limits(effect: Effect, model: FittedModel) -> bool:
     Compliances under weights that are not stated are as uncertain as these: their limit is the
     rotation that they cause.
     """
-    by_turn = effect.limits.turn is not None and weights_known(model.arm).assumed
-    return effect.limits.possible is not None or by_turn
+    by_turn = effect.limits.turn_rad is not None and weights_known(model.arm).assumed
+    return effect.limits.values is not None or by_turn
 
 
 def _turns_too_far(

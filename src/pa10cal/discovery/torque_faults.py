@@ -38,7 +38,7 @@ def stated_wrongly(
     poses: Observations, baseline: FittedModel, setup: MeasurementSetup, context: CandidateContext
 ) -> tuple[DiagnosedFault, ...]:
     """Return the loads and tool that are stated wrongly, by forward selection."""
-    faults = [term for term in fault_candidates(context) if isinstance(term, WeightStated)]
+    faults = fault_candidates(context)
     if not faults or setup.payload is None or context.torques != "logged":
         return ()
     torques = _TorqueRows.of(poses, baseline, setup, faults)

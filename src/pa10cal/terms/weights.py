@@ -355,11 +355,11 @@ class ToolStated(WeightStated):
 
 
 #: Every class of fault.
-FAULTS: tuple[type[LogFault], ...] = (LoadStated, ToolStated)
+FAULTS: tuple[type[WeightStated], ...] = (LoadStated, ToolStated)
 
 
 def fault_candidates(
     context: CandidateContext, of_model: Iterable[Term] = ()
-) -> tuple[Effect, ...]:
+) -> tuple[WeightStated, ...]:
     """Return every fault at every place that a log may have it, except those that a model has."""
     return everywhere_but(FAULTS, context, of_model)

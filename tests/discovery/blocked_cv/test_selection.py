@@ -10,9 +10,9 @@ from pa10cal.discovery.blocked_cv.normal_equations import BlockEquations
 from pa10cal.discovery.blocked_cv.search import Search
 from pa10cal.discovery.rules import PROBABILITIES
 from pa10cal.results.discovery import Remaining, Tried
+from pa10cal.terms.effects.generic import WindupMap
 from pa10cal.terms.effects.joint import Backlash
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
-from pa10cal.terms.effects.unnamed import WindupMap
 
 BLOCKS, ROWS = 5, 40
 

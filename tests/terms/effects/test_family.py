@@ -17,6 +17,7 @@ from pa10cal.terms.term import shows_torque, yields
 from pa10cal.terms.weights import FAULTS
 from pa10cal.terms.wording import clause_of, driver_of, noun_of
 
+ARM = load_arm("pa10_6ce")
 JOINTS = tuple(f"joint {joint}" for joint in range(1, 7))
 #: Effects of the contract: where each may sit on the PA10 with springs at joints 2, 3 and 5. What
 #: was added to the vocabulary since is held by the laws alone.
@@ -163,6 +164,7 @@ def test_every_effect_has_decided_its_sign_and_the_gate_holds_it(context):
                 x[k] *= sign
                 amounts = SimpleNamespace(
                     values_of=lambda _, x=x: x,
+                    arm=ARM,
                     model=SimpleNamespace(columns_of=lambda _: slice(0, 0)),
                     covariance=None,
                 )
@@ -185,6 +187,7 @@ def test_arms_grow_as_what_they_are_made_of(context, alpha, std, refused):
     (growth,) = (each for each in candidates(context) if each.id == "thermal_growth")
     amounts = SimpleNamespace(
         values_of=lambda _: np.array([alpha]),
+        arm=ARM,
         model=SimpleNamespace(columns_of=lambda _: slice(0, 0)),
         covariance=None,
     )
@@ -194,7 +197,7 @@ def test_arms_grow_as_what_they_are_made_of(context, alpha, std, refused):
 
 def _amounts(x):
     return SimpleNamespace(
-        arm=load_arm("pa10_6ce"),
+        arm=ARM,
         values_of=lambda _: x,
         model=SimpleNamespace(columns_of=lambda _: slice(0, 0)),
         covariance=None,

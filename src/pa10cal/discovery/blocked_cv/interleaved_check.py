@@ -27,10 +27,10 @@ from pa10cal.observe.time_order import like_a_scan
 from pa10cal.results.record import EffectName
 from pa10cal.terms.effects.arrivals import ArrivalError
 from pa10cal.terms.effects.effect import Effect
+from pa10cal.terms.effects.generic import DirectionMap
 from pa10cal.terms.effects.joint import Backlash
-from pa10cal.terms.effects.joint_error_map import JointErrorMap
+from pa10cal.terms.effects.joint_error_map import is_error_map
 from pa10cal.terms.effects.over_time import BaseDrift
-from pa10cal.terms.effects.unnamed import DirectionMap
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +61,8 @@ class InterleavedCheck:
         self._fold = interleaved_blocks(len(survey.poses))
         self._whiteners = fit.weights.whiteners()
         self._measured_minus_predicted = -survey.net_residual(fit.at)
-        own = [each for each in fit.model.terms if not isinstance(each, JointErrorMap | BaseDrift)]
+        terms = fit.model.terms
+        own = [each for each in terms if not (is_error_map(each) or each.id == BaseDrift.id)]
         self._own_columns = jacobians.by_scaled_terms(fit.at, survey.poses, own, self._whiteners)
 
     def squares(self, effects: Sequence[Effect] = (), *, lag: bool = True) -> SquaresByBlock:

@@ -68,7 +68,7 @@ def with_tilts_shown(survey: Survey, found: Refit) -> FittedModel | None:
 
 
 def _is_of_links(term: Term) -> TypeGuard[Offsets]:
-    return term.of == "links" and isinstance(term, Offsets)
+    return term.of == "links" and term.constant
 
 
 def _with_link_parameters(baseline: FittedModel, links: Offsets, added: Offsets) -> FittedModel:

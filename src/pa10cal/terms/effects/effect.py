@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, fields, replace
 from functools import cache, cached_property
 from importlib import import_module
-from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Self, TypeGuard, TypeVar
+from typing import Annotated, Any, ClassVar, Literal, Self, TypeGuard, TypeVar
 
 import numpy as np
 from pydantic import AfterValidator
@@ -41,6 +41,7 @@ _LOADED_SHARE = 0.01
 _LEAST_SPAN_RAD = 1e-3
 
 Value = TypeVar("Value")
+E = TypeVar("E", bound="Effect")
 
 
 def _of_some_length(ends: tuple[float, float]) -> tuple[float, float]:
@@ -105,33 +106,19 @@ _OF_JOINT: dict[str, Callable[[CandidateContext, int], Any]] = {
 }
 
 
-class PossibleRange(NamedTuple):
-    """Lowest and highest possible value of a parameter, and why."""
-
-    lowest: float
-    highest: float
-    why: str
-
-
-class LargestTurn(NamedTuple):
-    """The largest rotation that an effect can cause, and why."""
-
-    rad: float
-    why: str
-
-
 @dataclass(frozen=True)
 class Limits:
     """What an effect cannot be physically: a name beyond that is refused.
 
-    Where a range or a rotation is limited, the plausible size of the effect is no limit.
+    Where a value or a rotation is limited, the plausible size of the effect is no limit.
     """
 
     #: Whether its linear parameters cannot be negative, as those of compliances, friction or lost
     #: motion; a fit of the other sign is then another effect.
     positive: bool = False
-    possible: PossibleRange | None = None  # range of its first parameter; None for no such limit
-    turn: LargestTurn | None = None  # None for no such limit
+    values: tuple[float, float] | None = None  # lowest and highest of its first parameter
+    turn_rad: float | None = None  # largest rotation that it can cause
+    why: str = ""  # reason of the limit of values or of the rotation
 
 
 #: How searches try an effect.
@@ -297,9 +284,9 @@ class Effect(Traits):
         """Return the derivative of `shift` by x, (P, m, k)."""
         return self.per_unit(states).reshape(len(states), len(self.coordinates), len(x))
 
-    def turn_limit(self, reach_m: float) -> LargestTurn | None:
-        """Return the largest rotation that it can cause in an arm of this reach [m]."""
-        return self.limits.turn
+    def limits_at(self, reach_m: float) -> Limits:
+        """Return its limits in an arm of this reach [m]."""
+        return self.limits
 
     def turn_rad(self, states: PoseStates, x: Array) -> float:
         """Return the largest rotation that it causes in some poses [rad]."""
@@ -476,8 +463,8 @@ def candidates(context: CandidateContext, held: Iterable[Term] = ()) -> tuple[Ef
 
 
 def everywhere_but(
-    kinds: Iterable[type[Effect]], context: CandidateContext, held: Iterable[Term]
-) -> tuple[Effect, ...]:
+    kinds: Iterable[type[E]], context: CandidateContext, held: Iterable[Term]
+) -> tuple[E, ...]:
     """Return effects of some kinds at every possible place, except those that a model holds."""
     there = {(term.id, term.of) for term in held}
     return tuple(

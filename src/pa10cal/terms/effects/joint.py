@@ -16,24 +16,24 @@ from pa10cal.terms.term import OPTIONAL, JointTorqueOnly, Report, TermParameter
 
 #: Largest deflection of a joint under its torque [rad], and why. An assumption: twice the 23 mrad
 #: of the softest arm measured, that of a humanoid with torque sensors in its joints.
-WINDS_UP = effect.LargestTurn(0.05, "no joint of an arm winds up by more than 50 mrad")
+WINDS_UP = (0.05, "no joint of an arm winds up by more than 50 mrad")
 #: Least reach of the arms for which that holds [m]. Shorter arms may sag as far at their ends: they
 #: are driven by servos of toys and models, whose joints give way by degrees.
 WINDS_UP_REACH_M = 1.0
 #: The same where positions are those commanded: a servo without integral control stops short by up
 #: to its proportional band.
-STOPS_SHORT = effect.LargestTurn(0.2, "no servo stops short of its command by more than 200 mrad")
+STOPS_SHORT = (0.2, "no servo stops short of its command by more than 200 mrad")
 
 
-def most_wound_up(reach_m: float, *, commanded: bool = False) -> effect.LargestTurn:
+def most_wound_up(reach_m: float, *, commanded: bool = False) -> tuple[float, str]:
     """Return the largest deflection of a joint [rad] of an arm with this reach, and why."""
     if commanded:
         return STOPS_SHORT
     if reach_m >= WINDS_UP_REACH_M:
         return WINDS_UP
-    most_rad = min(WINDS_UP.rad * WINDS_UP_REACH_M / reach_m, STOPS_SHORT.rad)
+    most_rad = min(WINDS_UP[0] * WINDS_UP_REACH_M / reach_m, STOPS_SHORT[0])
     of_short = f"no joint of an arm that reaches {reach_m:.2g} m winds up by more than "
-    return effect.LargestTurn(most_rad, f"{of_short}{1e3 * most_rad:.0f} mrad")
+    return most_rad, f"{of_short}{1e3 * most_rad:.0f} mrad"
 
 
 @dataclass(frozen=True)
@@ -85,8 +85,7 @@ class Backlash(effect.JointEffect):
     # Half of the reversal error. An assumption: makers state up to 15 arcmin for standard planetary
     # gears; worn and hobbyists' gears get four times that.
     limits = effect.Limits(
-        positive=True,
-        possible=effect.PossibleRange(0.0, 8.7e-3, "gears of arms have at most 1 deg of play"),
+        positive=True, values=(0.0, 8.7e-3), why="gears of arms have at most 1 deg of play"
     )
     words = "theta_{0.joint} -= b s_{0.joint}"
     reported = (TermParameter("b", "rad", 1e-5, plausible=3e-4),)
@@ -474,10 +473,11 @@ class WindsUp(effect.JointEffect):
     sits = "driven joint"
     varies_with = "its torque"
     yields = True
-    limits = effect.Limits(positive=True, turn=WINDS_UP)
+    limits = effect.Limits(positive=True, turn_rad=WINDS_UP[0], why=WINDS_UP[1])
 
-    def turn_limit(self, reach_m: float) -> effect.LargestTurn:
-        return most_wound_up(reach_m)
+    def limits_at(self, reach_m: float) -> effect.Limits:
+        turn_rad, why = most_wound_up(reach_m)
+        return replace(self.limits, turn_rad=turn_rad, why=why)
 
     def tau_Nm(self, states: PoseStates) -> Array:
         """Return the torque that the joint carries, (P,)."""

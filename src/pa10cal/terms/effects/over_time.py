@@ -17,7 +17,6 @@ from pa10cal.terms.effects.effect import (
     CandidateContext,
     Effect,
     Limits,
-    PossibleRange,
     time_in,
 )
 from pa10cal.terms.effects.structure import LONG_LINKS
@@ -100,9 +99,8 @@ class ThermalGrowth(Effect):
     # A part of the arm that stays colder than the air grows less than its material would.
     limits = Limits(
         positive=True,
-        possible=PossibleRange(
-            0.0, 2.6e-5, "arms are of iron and steel (10 to 13e-6) or light metal (to 26e-6)"
-        ),
+        values=(0.0, 2.6e-5),
+        why="arms are of iron and steel (10 to 13e-6) or light metal (to 26e-6)",
     )
 
     @property
@@ -139,9 +137,8 @@ class LinkGrowth(ThermalGrowth):
     clauses = ("{at} grows with temperature",)
     limits = Limits(
         positive=True,
-        possible=PossibleRange(
-            0.0, 1.3e-4, "light metal grows by 26e-6, and no link warms five times as much"
-        ),
+        values=(0.0, 1.3e-4),
+        why="light metal grows by 26e-6, and no link warms five times as much",
     )
 
     @classmethod

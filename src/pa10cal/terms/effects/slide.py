@@ -16,7 +16,6 @@ from pa10cal.terms.effects.effect import (
     AtJoint,
     CandidateContext,
     Effect,
-    LargestTurn,
     Limits,
     Span,
     static_loads_in,
@@ -92,7 +91,7 @@ class SlideError(AtSlide):
     nouns = ("slide error", "slide errors")
     clauses = ("{at} does not slide straight and level", "{at} do not slide straight and level")
     # Makers allow a rail a few tenths of a mrad.
-    limits = Limits(turn=LargestTurn(0.01, "no carriage that slides turns by more than 10 mrad"))
+    limits = Limits(turn_rad=0.01, why="no carriage that slides turns by more than 10 mrad")
     amounts_stand_alone = False
 
     @classmethod

@@ -15,7 +15,6 @@ from pa10cal.terms.effects.effect import (
     AtJoint,
     CandidateContext,
     Effect,
-    LargestTurn,
     Limits,
     static_loads_in,
 )
@@ -79,7 +78,8 @@ class LinkEffect(Compliance):
     # 100 N m, for which no arm would have it, make 3.5 mrad.
     limits = Limits(
         positive=True,
-        turn=LargestTurn(0.01, "no link of an arm turns at its end by more than 10 mrad"),
+        turn_rad=0.01,
+        why="no link of an arm turns at its end by more than 10 mrad",
     )
 
     @classmethod
@@ -171,7 +171,7 @@ class LateralCompliance(Compliance, AtJoint):
     role_in_search = "substitute"
     # Crossed roller bearings of joints are as stiff as 1e5 N m/rad and more: 1000 N m make 10 mrad.
     limits = Limits(
-        positive=True, turn=LargestTurn(0.01, "no bearing of an arm tilts by more than 10 mrad")
+        positive=True, turn_rad=0.01, why="no bearing of an arm tilts by more than 10 mrad"
     )
 
     @classmethod
@@ -224,7 +224,7 @@ class AxisWobble(AtJoint):
         for name in ("b_c", "b_s", "x_c", "x_s", "y_c", "y_s")
     )
     # Two rings of class Normal, run out to opposite sides by 30 um, stand 30 mm apart at least.
-    limits = Limits(turn=LargestTurn(2e-3, "no axis between bearings wobbles by more than 2 mrad"))
+    limits = Limits(turn_rad=2e-3, why="no axis between bearings wobbles by more than 2 mrad")
 
     @classmethod
     def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
@@ -274,7 +274,8 @@ class BaseCompliance(Compliance):
     # A pedestal of which the top turns by this much stands loose: 1 mm for each 0.1 m of height.
     limits = Limits(
         positive=True,
-        turn=LargestTurn(0.01, "no base that is bolted down tilts by more than 10 mrad"),
+        turn_rad=0.01,
+        why="no base that is bolted down tilts by more than 10 mrad",
     )
 
     @classmethod

@@ -1,4 +1,4 @@
-"""Rivals of the named effects: something smooth is missing here, of unknown cause."""
+"""Generic effects, rivals of the named ones: something smooth is missing here, of unknown cause."""
 
 from __future__ import annotations
 
