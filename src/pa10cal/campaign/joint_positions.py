@@ -23,13 +23,6 @@ from pa10cal.campaign.bounds import BEYOND_LIMITS
 from pa10cal.campaign.nominal_fit import placed_by_points
 from pa10cal.campaign.raw_rows import RawRows
 
-#: Resolutions of encoders that are told from a list of positions [counts a turn]: powers of two, as
-#: programmed positions are in round parts of a degree; few parts of a turn are programmed, too.
-_COUNTS, _FEWEST_COUNTS = 2.0 ** np.arange(17), 256.0
-#: Part of a count by which each position may be off it: printed digits (computing).
-_OFF_COUNT = 0.1
-#: Fewest different positions by which a resolution is told (level).
-_FEWEST_POSITIONS = 20
 #: A group of neighbours that spans more than so many tolerances is parted by equal commands.
 CHAIN = 3.0
 #: Positions that differ by less have one command, however densely the poses lie [deg, mm].
@@ -45,22 +38,6 @@ def position_columns(prismatic: Mask) -> list[str]:
 def in_radians(q: Array, prismatic: Mask) -> Array:
     """Return logged joint positions (N, n) in radians, of prismatic joints in metres."""
     return np.asarray(np.where(prismatic, 1e-3 * q, np.radians(q)))
-
-
-def rounded_to_counts(q_deg: Array) -> float:
-    """Return the counts a turn to which all positions (N,) were rounded; 0 for none.
-
-    The fewest counts of which every position is a whole number.
-    """
-    positions = np.unique(q_deg)
-    if len(positions) < _FEWEST_POSITIONS:
-        return 0.0
-    from_first = positions - positions[0]
-    for counts in _COUNTS.tolist():
-        moved = from_first * counts / 360.0
-        if np.abs(moved - np.round(moved)).max() < _OFF_COUNT:
-            return float(counts) if counts >= _FEWEST_COUNTS else 0.0
-    return 0.0
 
 
 def as_joints(logged: Array, arm: Arm) -> Array:

@@ -28,11 +28,18 @@ from pa10cal.campaign.instrument_motion import (
 from pa10cal.campaign.joint_positions import (
     in_radians,
     position_columns,
-    rounded_to_counts,
     with_labels,
 )
 from pa10cal.campaign.raw_file import RawFile
 from pa10cal.campaign.raw_rows import Exclusions, Ingested, Quarantined, RawRows, quarantined
+from pa10cal.campaign.rounded_joints import (
+    axes_in_counts,
+    axes_in_decimals,
+    notes_on_counts,
+    uncertainty_of,
+    warnings_of_decimals,
+    with_rounding,
+)
 from pa10cal.campaign.screens import refuse_too_many
 from pa10cal.campaign.tracked_screens import Screen
 from pa10cal.campaign.two_logs import TwoLogs
@@ -67,7 +74,7 @@ def read_tracked(
     exclusions = exclusions_of(description, folder)
     read = _read_rows(file, columns, base_names, description, arm)
     raw = _usable_rows(read, file, columns, base_names, description, arm, exclusions)
-    counts_per_turn = _rounded_axes(raw, arm)
+    counts_per_turn, decimals = axes_in_counts(raw, arm), axes_in_decimals(raw, arm)
     readings = _as_readings(raw, columns, base_names, description, arm, counts_per_turn)
     once, again = _first_of_each_configuration(raw, readings, arm)
     logged_count = len(once) + _configurations_lost(read, raw)
@@ -85,14 +92,18 @@ def read_tracked(
     screen.quarantine(off, screens.OTHER_COMMAND, screen.found.pose[off])
     refuse_too_many_lost()
     corrected = without_instrument_motion(screen.found, str(file.path), screen.T_base_ee)
-    readings = _uncertain_as_joints(corrected.readings, Chain.of(arm))
+    beside_counts = {axis: decimals[axis] for axis in decimals.keys() - counts_per_turn.keys()}
+    payload = description.payload(arm)
+    readings, rounded_to = with_rounding(corrected.readings, beside_counts, arm, payload)
+    readings = _uncertain_as_joints(readings, Chain.of(arm))
     instrument_notes = description.instrument.type.raw_notes(columns, description.stated)
-    notes = [*raw.notes, *_notes_on_rounding(counts_per_turn), *instrument_notes, *corrected.notes]
+    notes = [*raw.notes, *notes_on_counts(counts_per_turn), *instrument_notes, *corrected.notes]
     notes += [*notes_on_torques(readings.states, arm), *_notes_on_temperatures(readings.states)]
     warnings = [
         *screens.count_warnings(description.configurations, logged_count, raw.file),
         *screen.warnings,
         *corrected.warnings,
+        *warnings_of_decimals(rounded_to),
         *file.words.contradicted_units(raw.file),
     ]
     absent = sorted(set(description.tool.balls_mm) - set(readings.measured.target_names))
@@ -245,7 +256,7 @@ def _as_readings(
     )
     u_q = uncertainties(q)
     for axis, counts in counts_per_turn.items():
-        u_q[:, axis] = _rounding_deg(counts)
+        u_q[:, axis] = uncertainty_of(360.0 / counts)
     log = JointLog(
         coupling.uncertainty(in_radians(u_q, arm.axes_slide)),
         coupling.beside_joints(uncertainties(tau)),
@@ -263,36 +274,6 @@ def _as_readings(
         log=log,
         base=base_targets(base_names, raw.numbers_of(on_base), u_base, u_m),
     )
-
-
-def _rounded_axes(raw: RawRows, arm: Arm) -> dict[int, float]:
-    """Return the counts a turn of axes, from 0, that turn and whose positions are whole counts.
-
-    Axes with stated uncertainties are not among them.
-    """
-    counts: dict[int, float] = {}
-    for axis, name in enumerate(position_columns(arm.axes_slide)):
-        stated = np.isfinite(raw.numbers_of([f"u_{name}"])).any()
-        if not arm.axes_slide[axis] and not stated:
-            counts[axis] = rounded_to_counts(raw[name])
-    return {axis: per_turn for axis, per_turn in counts.items() if per_turn}
-
-
-def _rounding_deg(counts_per_turn: float) -> float:
-    """Return the standard uncertainty of positions that are rounded to counts."""
-    return 360.0 / counts_per_turn / float(np.sqrt(12.0))  # uniform over one count
-
-
-def _notes_on_rounding(counts_per_turn: Mapping[int, float]) -> list[str]:
-    """Return a note for each resolution of axes, from 0, whose positions are whole counts."""
-    axes: dict[float, list[str]] = {}
-    for axis, counts in counts_per_turn.items():
-        axes.setdefault(counts, []).append(f"q{axis + 1}")
-    return [
-        f"{', '.join(names)}: positions are whole counts of encoders ({counts:.0f} a turn), and "
-        f"count as uncertain by that rounding, {_rounding_deg(counts):.2g} deg"
-        for counts, names in axes.items()
-    ]
 
 
 def notes_on_torques(states: PoseStates, arm: Arm) -> list[str]:
