@@ -23,7 +23,7 @@ from pa10cal.fit.rigid import (
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
 from pa10cal.options import Tolerances
-from pa10cal.stages.export import DEPARTURES, remove_exported
+from pa10cal.stages.export import DEPARTURES, write_exported
 from pa10cal.terms.effects.readings import Scale
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.offsets import link_departures, tool_frame
@@ -55,14 +55,26 @@ def test_tool_and_targets_hang_on_the_flange_of_the_rigid_part():
     np.testing.assert_allclose(frames["target_B"][:3, 3], [0.3, 0.4, 0.5], atol=1e-15)
 
 
-def test_only_files_of_an_earlier_export_are_removed(tmp_path):
+def test_only_files_of_an_earlier_export_are_removed_or_replaced(tmp_path):
     own, not_text, former = (tmp_path / name for name in ("own.conf", "own.yaml", "former.conf"))
-    own.write_text("[mounting]\ndelta_theta = [ 0.0]\n")
+    asked_for, none = tmp_path / "robot.urdf", tmp_path / "none"
+    text = ur_deltas_text(np.zeros((6, 4)), f"{DEPARTURES} UR10")
+    for path in (own, asked_for):
+        path.write_text("[mounting]\ndelta_theta = [ 0.0]\n")
     not_text.write_bytes(b"\xff\xfe")
-    former.write_text(ur_deltas_text(np.zeros((6, 4)), f"{DEPARTURES} UR10"))
-    for path in (own, not_text, former, tmp_path / "none"):
-        remove_exported(path)
+    former.write_text(text)
+    assert not write_exported(dict.fromkeys((own, not_text, former, none)), ())
     assert [path.exists() for path in (own, not_text, former)] == [True, True, False]
+    former.write_text(text)
+    every = (own, not_text, former, none, asked_for)
+    lines = write_exported(dict.fromkeys(every, f"{text}# new"), (asked_for, None))
+    assert lines == [
+        f"{name} is not written: a file of another origin is there"
+        for name in ("own.conf", "own.yaml")
+    ]
+    assert ["# new" in path.read_text(errors="replace") for path in every] == [False] * 2 + [
+        True
+    ] * 3
 
 
 def test_what_moves_no_robot_is_nothing_that_a_urdf_lacks():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -56,7 +56,6 @@ def export(
     from pa10cal.errors import ModelError, SettingsError
     from pa10cal.files.arms import maker_calibration, urdf_of_arm
     from pa10cal.files.coupling import coupling_in_words
-    from pa10cal.files.output import write_text
     from pa10cal.fit.fitted import predicting_model
     from pa10cal.fit.fitted_model import save_model
     from pa10cal.fit.rigid import beyond_rigid, dh_text, rigid_part
@@ -123,11 +122,7 @@ def export(
         best_dh = dh.with_name(f"{dh.stem}_rigid_fit.csv")
         texts[dh] = dh_text(fitted, mark, error=None if best is None else best.error_of_part)
         texts[best_dh] = None if best is None else dh_text(fitted, mark, best.model, best.error)
-    for path, text in texts.items():
-        if text is None:
-            remove_exported(path)
-        else:
-            write_text(path, text)
+    lines += write_exported(texts, (urdf, dh))
     save_model(exported, model, forced=forced, warnings=list(warnings))
     print(f"{record.campaign}: model and URDF of the {record.load} calibration written")
     for line in lines:
@@ -141,12 +136,34 @@ _BEST_RIGID = "the best rigid model: geometry alone"
 _COLUMN_OF_ERROR = "error_rms_mm"
 
 
-def remove_exported(path: Path) -> None:
-    """Remove a file that an earlier export wrote; leave one of another origin."""
+def write_exported(
+    texts: Mapping[Path, str | None], asked_for: Collection[Path | None]
+) -> list[str]:
+    """Write texts, and remove files of texts that are no more (None) of an earlier export.
+
+    Files of another origin stay, unless they are asked for by name; the lines returned name those
+    that are not written for that.
+    """
+    from pa10cal.files.output import write_text
+
+    lines = []
+    for path, text in texts.items():
+        if text is None:
+            if _is_exported(path):
+                path.unlink()
+        elif path in asked_for or not path.exists() or _is_exported(path):
+            write_text(path, text)
+        else:
+            lines.append(f"{path.name} is not written: a file of another origin is there")
+    return lines
+
+
+def _is_exported(path: Path) -> bool:
+    """Return whether a file is there that an earlier export wrote."""
     with suppress(FileNotFoundError, UnicodeDecodeError):
         text = path.read_text(encoding="utf-8")
-        if any(own in text for own in (_NOT_IN_IT, DEPARTURES, _BEST_RIGID, _COLUMN_OF_ERROR)):
-            path.unlink()
+        return any(own in text for own in (_NOT_IN_IT, DEPARTURES, _BEST_RIGID, _COLUMN_OF_ERROR))
+    return False
 
 
 def _is_withheld(record: CalibrationRecord, grade: str, path: Path, *, force: bool) -> bool:
