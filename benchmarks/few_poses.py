@@ -226,7 +226,7 @@ def calibrated(folder: Path, prior: FittedModel | None) -> tuple[FittedModel, st
     from pa10cal.calibration.input_checks import check_input
     from pa10cal.calibration.load_case import LoadCase
     from pa10cal.calibration.options import CalibrationOptions
-    from pa10cal.fit.fitted_model import models_of
+    from pa10cal.fit.model_reading import models_of
     from pa10cal.interface import read_campaign
 
     campaign, options = read_campaign(folder), CalibrationOptions()

@@ -30,7 +30,7 @@ from pa10cal.arm.description import Arm
 from pa10cal.commands.command_line import limit_threads
 from pa10cal.errors import Pa10calError
 from pa10cal.files.arms import load_arm
-from pa10cal.fit.fitted_model import load_model
+from pa10cal.fit.model_reading import load_model
 from pa10cal_lab.cell.campaign import SimulatedCampaign, simulate_campaign
 from pa10cal_lab.cell.options import SimulateOptions
 from pa10cal_lab.cell.write import write_campaign

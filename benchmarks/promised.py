@@ -26,7 +26,7 @@ def promised(results: Path) -> dict[str, tuple[int, float, float, float, float]]
         Pa10calError: when results lack a file, or no pose is held out.
     """
     from pa10cal.campaign.table import read_pose_table
-    from pa10cal.fit.fitted_model import load_model
+    from pa10cal.fit.model_reading import load_model
     from pa10cal.observe.paths import HeldOutPlaces
     from pa10cal.results.codec import read
     from pa10cal.results.evaluation import BETWEEN, UNSEEN, HoldoutRecord

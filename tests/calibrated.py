@@ -5,7 +5,7 @@ from pa10cal.calibration.general.calibrate import calibrate_general, find_start
 from pa10cal.calibration.load_case import LoadCase
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.files.arms import load_arm
-from pa10cal.fit.fitted_model import models_of
+from pa10cal.fit.model_reading import models_of
 
 
 def calibrated(campaign, *readings_and_options, **more):

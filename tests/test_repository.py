@@ -214,7 +214,7 @@ MAY_IMPORT = {
         "calibration.options",
         "files",
         "fit.covariance_file",
-        "fit.fitted_model",
+        "fit.model_reading",
         "observe.kinds",
         "running.run_lock",
     },

@@ -123,7 +123,7 @@ def _read_urdf(folder: Path) -> None:
 
 
 def _read_model(folder: Path) -> None:
-    from pa10cal.fit.fitted_model import load_model
+    from pa10cal.fit.model_reading import load_model
 
     model = load_model(folder / "model.yaml")
     found = model.predict(np.zeros((2, model.arm.n)))

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from pa10cal.fit.fitted import Compensation as Compensation
     from pa10cal.fit.fitted import Prediction as Prediction
     from pa10cal.fit.fitted_model import FittedModel as FittedModel
-    from pa10cal.fit.fitted_model import load_model as load_model
+    from pa10cal.fit.model_reading import load_model as load_model
     from pa10cal.interface import calibrate as calibrate
     from pa10cal.interface import compare as compare
     from pa10cal.interface import discover as discover
@@ -44,7 +44,7 @@ _HOMES = {
     "load_arm": "pa10cal.files.arms",
     "calibrate": "pa10cal.interface",
     "discover": "pa10cal.interface",
-    "load_model": "pa10cal.fit.fitted_model",
+    "load_model": "pa10cal.fit.model_reading",
     "compare": "pa10cal.interface",
     "report": "pa10cal.interface",
     "PlanOptions": "pa10cal.pose_plan.options",

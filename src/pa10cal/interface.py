@@ -14,7 +14,8 @@ from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.read import Campaign
 from pa10cal.campaign.read import read_campaign as read_raw
 from pa10cal.files.arms import load_arm
-from pa10cal.fit.fitted_model import FittedModel, load_model
+from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.model_reading import load_model
 from pa10cal.options import BaseFrameOptions, DiscoveryOptions, IngestOptions
 
 if TYPE_CHECKING:
@@ -87,7 +88,7 @@ def calibrate(
     from pa10cal.calibration.input_checks import check_input, explained
     from pa10cal.calibration.load_case import LoadCase
     from pa10cal.errors import CalibrationError
-    from pa10cal.fit.fitted_model import models_of
+    from pa10cal.fit.model_reading import models_of
 
     options = options or CalibrationOptions()
     prior = prior or (load_model(options.prior) if options.prior else None)

@@ -24,7 +24,7 @@ from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.read import Campaign
 from pa10cal.discovery.preparation import setup_of
 from pa10cal.evaluation.holdout import UNCALIBRATED, Evaluation
-from pa10cal.fit.fitted_model import models_of
+from pa10cal.fit.model_reading import models_of
 from pa10cal.options import DiscoveryOptions
 from pa10cal.results.calibration import CalibrationRecord, GeneralCalibrationRecord
 from pa10cal.results.evaluation import Distances, HeldOutModel

@@ -27,7 +27,7 @@ from pa10cal.campaign.read import read_campaign
 from pa10cal.command_settings import ChainOptions, EvaluationOptions
 from pa10cal.errors import Pa10calError
 from pa10cal.files.arms import load_arm
-from pa10cal.fit.fitted_model import models_of
+from pa10cal.fit.model_reading import models_of
 from pa10cal.results.calibration import CalibrationRecord
 from pa10cal.results.codec import read
 from pa10cal.results.discovery import VerdictKeys, VerdictRecord

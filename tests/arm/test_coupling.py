@@ -14,7 +14,7 @@ from pa10cal.arm.workspace import above, draw_within
 from pa10cal.errors import ArmError, SettingsError
 from pa10cal.files.arms import arm_text, load_arm, parse_arm
 from pa10cal.files.coupling import coupling_in_words
-from pa10cal.fit.fitted_model import load_model
+from pa10cal.fit.model_reading import load_model
 from pa10cal.options import Tolerances
 from pa10cal.terms.model import Model
 from pa10cal.terms.offsets import link_departures

@@ -11,7 +11,7 @@ import yaml
 from by_commands import calibrate, calibrated, evaluate, export, located, table_of
 from made_up_records import effect
 from pa10cal.fit.fitted import FittedTo
-from pa10cal.fit.fitted_model import load_model
+from pa10cal.fit.model_reading import load_model
 from pa10cal.results.codec import write
 from pa10cal.results.discovery import ExtendedRecord
 

@@ -14,7 +14,8 @@ from by_commands import read_json as read
 from made_up_arm import Missing, at_joint, harmonic, measure
 from pa10cal.commands.command_line import REFUSED
 from pa10cal.files.arms import load_arm
-from pa10cal.fit.fitted_model import model_from_plain, model_to_plain
+from pa10cal.fit.model_reading import model_from_plain
+from pa10cal.fit.model_writing import model_to_plain
 from pa10cal.fit.validity import nothing_seen
 from pa10cal.terms.field import Field
 from pa10cal.terms.plain import term_to_plain

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from made_up_mistakes import Mistake, Own, Said, calibrate, call, columns
 from made_up_model import fitted, fitted_to
 from pa10cal.commands.command_line import run_command
-from pa10cal.fit.fitted_model import save_model
+from pa10cal.fit.model_writing import save_model
 from pa10cal.fit.validity import AngleCoverage
 from pa10cal.options import Tolerances
 from pa10cal.terms.joint_spring import JointSpring

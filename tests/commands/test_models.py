@@ -25,8 +25,10 @@ from pa10cal.commands.command_line import REFUSED, run_command
 from pa10cal.files.arms import arm_text, load_arm
 from pa10cal.fit import compensation, fitted_model, loads
 from pa10cal.fit.fitted import FallBack
-from pa10cal.fit.fitted_model import FittedModel, load_model, save_model
+from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.misread_lists import of_joints
+from pa10cal.fit.model_reading import load_model
+from pa10cal.fit.model_writing import save_model
 from pa10cal.fit.validity import AngleCoverage, nothing_seen
 from pa10cal.options import Tolerances
 from pa10cal.results.codec import read

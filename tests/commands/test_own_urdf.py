@@ -15,7 +15,7 @@ from made_up_sightings import sighted
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.urdf_writing import urdf_text
 from pa10cal.files.arms import load_arm
-from pa10cal.fit.fitted_model import load_model
+from pa10cal.fit.model_reading import load_model
 
 
 @pytest.mark.slow

@@ -22,7 +22,7 @@ from benchmarks.broken_fleet import BROKEN, broken_fleet
 
 from pa10cal.commands.command_line import INTERRUPTED, REFUSED, main, run_command
 from pa10cal.files.output import write_text, writing_into
-from pa10cal.fit.fitted_model import load_model
+from pa10cal.fit.model_reading import load_model
 from pa10cal.fleet.arm_status import forget_ended
 from pa10cal.fleet.campaigns import ListedCampaign
 from pa10cal.reports import page, summary

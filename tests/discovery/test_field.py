@@ -11,7 +11,8 @@ from pa10cal.discovery import tuning
 from pa10cal.discovery.field import by_joint, field_of, with_field
 from pa10cal.discovery.nameless import with_terms
 from pa10cal.fit.discrepancy import discrepancy_of
-from pa10cal.fit.fitted_model import load_model, save_model
+from pa10cal.fit.model_reading import load_model
+from pa10cal.fit.model_writing import save_model
 from pa10cal.interface import calibrate, read_campaign
 from pa10cal.terms.effects.joint import Backlash, EncoderEccentricity, GearRatioError
 from pa10cal.terms.effects.joint_error_map import JointErrorMap

@@ -9,7 +9,7 @@ import pytest
 
 from pa10cal.discovery.gap import ErrorsByName, PairedErrors
 from pa10cal.discovery.no_harm import harmless
-from pa10cal.fit.fitted_model import load_model
+from pa10cal.fit.model_reading import load_model
 from pa10cal.fit.validity import nothing_seen, span_visited
 
 

@@ -9,7 +9,7 @@ from pa10cal.discovery.discover import with_predicted
 from pa10cal.discovery.gap import fallen_back
 from pa10cal.discovery.verdict_records import verdict_keys
 from pa10cal.fit.fitted import FallBack
-from pa10cal.fit.fitted_model import load_model
+from pa10cal.fit.model_reading import load_model
 from pa10cal.fit.validity import nothing_seen, span_visited
 from pa10cal.terms.wording import headline, sentences
 

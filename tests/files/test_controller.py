@@ -15,7 +15,8 @@ from pa10cal.campaign.description import nominal_arm, read_description
 from pa10cal.errors import ArmError, ModelError, RawDataError, SettingsError
 from pa10cal.files.arms import arm_text, load_arm
 from pa10cal.files.controller import controller_notes, controller_warnings
-from pa10cal.fit.fitted_model import FittedModel, load_model
+from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.model_reading import load_model
 from pa10cal.planning.campaign import arm_files
 from pa10cal.terms.model import Model
 

@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mended import write_simulated
-from pa10cal.fit.fitted_model import load_model, model_from_plain, model_to_plain, save_model
+from pa10cal.fit.model_reading import load_model, model_from_plain
+from pa10cal.fit.model_writing import model_to_plain, save_model
 from pa10cal.fit.validity import Discrepancy
 from pa10cal.interface import calibrate, read_campaign
 from pa10cal.terms.field import embedded

@@ -21,14 +21,9 @@ from pa10cal.errors import ModelError, TermError
 from pa10cal.files.arms import arm_names, load_arm
 from pa10cal.fit.covariance_file import covariance_beside, write_covariance
 from pa10cal.fit.fitted import FittedTo
-from pa10cal.fit.fitted_model import (
-    SCHEMA,
-    FittedModel,
-    load_model,
-    model_from_plain,
-    model_to_plain,
-    save_model,
-)
+from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.model_reading import load_model, model_from_plain
+from pa10cal.fit.model_writing import SCHEMA, model_to_plain, save_model
 from pa10cal.numerics.periodic_spline import (
     MapMotion,
     b_splines,
@@ -316,10 +311,25 @@ def test_a_term_of_another_formula_is_refused(tmp_path):
         load_model(path)
 
 
+def test_of_no_poses_nothing_is_predicted():
+    model = fitted("pa10_6ce", 16)
+    assert model.predict(np.zeros((0, 6))).T.shape == (0, 4, 4)
+    assert model.compensate(np.zeros((0, 4, 4))).q.shape == (0, 6)
+
+
 def test_what_cannot_be_predicted_is_refused():
     model = fitted("pa10_6ce", 16)
     with pytest.raises(ModelError, match=r"5 joints.*allowed: .N, 6. for pa10_6ce"):
         model.predict(np.zeros((2, 5)))
+    for words in ("a", [[1.0, 2.0], [3.0]]):
+        with pytest.raises(ModelError, match=r"q: not an array of numbers"):
+            model.predict(words)
+    with pytest.raises(ModelError, match=r"q: joint positions of 3 dimensions.*got .2, 1, 6"):
+        model.predict(np.zeros((2, 1, 6)))
+    with pytest.raises(ModelError, match=r"q: joint positions that are no finite numbers"):
+        model.predict(np.full(6, np.nan))
+    with pytest.raises(ModelError, match=r"T: not a pose"):
+        model.compensate(5.0)
     with pytest.raises(ModelError, match=r"unknown frame.*target_A.*allowed: flange, tool"):
         model.predict(np.zeros(6), frame="target_A")
     with pytest.raises(ModelError, match=r"joint_spring of joint 2: the weights.*not known"):

@@ -11,8 +11,9 @@ from made_up_poses import at_rest, context_of
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.statics import Payload
 from pa10cal.files.arms import load_arm
-from pa10cal.fit.fitted_model import load_model, model_from_plain, model_to_plain, save_model
 from pa10cal.fit.loads import statics_of, weighed, with_torques
+from pa10cal.fit.model_reading import load_model, model_from_plain
+from pa10cal.fit.model_writing import model_to_plain, save_model
 from pa10cal.fit.uncertain_weights import (
     open_unknowns,
     unknown_tool,

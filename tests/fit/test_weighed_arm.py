@@ -16,9 +16,11 @@ from pa10cal.campaign import read as campaign_read
 from pa10cal.campaign.description import CampaignDescription, Masses
 from pa10cal.campaign.table import write_pose_table
 from pa10cal.files.arms import load_arm
-from pa10cal.fit.fitted_model import FittedModel, load_model, save_model
+from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import statics_of
 from pa10cal.fit.logged_torques import without_torque_errors
+from pa10cal.fit.model_reading import load_model
+from pa10cal.fit.model_writing import save_model
 from pa10cal.fit.weighed_arm import weighed_arm, weights_finding
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose

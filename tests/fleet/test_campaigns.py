@@ -220,7 +220,7 @@ def test_what_moved_is_told_where_the_flanges_agree_too(monkeypatch, tmp_path, m
     what = SimpleNamespace(moved=moved, line="joint 3 moved")
     record = SimpleNamespace(agree=True, line="the models agree", what_moved=what)
     monkeypatch.setattr("pa10cal.evaluation.two_models.compare_models", lambda *_, **__: record)
-    monkeypatch.setattr("pa10cal.fit.fitted_model.load_model", lambda folder: folder)
+    monkeypatch.setattr("pa10cal.fit.model_reading.load_model", lambda folder: folder)
     line = "joint 3 moved; the models agree" if moved else "the models agree"
     assert arm_status._compared(tmp_path / "one", tmp_path / "other") == (True, line)
 

@@ -20,7 +20,7 @@ from pydantic import TypeAdapter
 
 from pa10cal.errors import RecordError
 from pa10cal.results.arrays import Shape
-from pa10cal.results.calibration import BaseFrameRecord
+from pa10cal.results.calibration import BaseFrameRecord, Covariance
 from pa10cal.results.codec import lines, read, read_lines, write
 from pa10cal.results.comparison import ParameterRows
 from pa10cal.results.evaluation import HeldOutModel, HeldOutRows, TransferRecord
@@ -288,3 +288,9 @@ def test_columns_that_are_no_lists_are_refused() -> None:
     rows = dict.fromkeys(ParameterRows.model_fields, 5)
     with pytest.raises(ValueError, match="finite numbers, shape"):
         ParameterRows.model_validate(rows)
+
+
+def test_a_covariance_has_a_row_for_each_name() -> None:
+    for shape in ((3, 3), (2, 3)):
+        with pytest.raises(ValueError, match="2 rows and columns, as many as names"):
+            Covariance(names=("delta_a_1", "delta_a_2"), matrix=np.zeros(shape))

@@ -17,7 +17,8 @@ from pa10cal.calibration.two_level_problem import report_base
 from pa10cal.calibration.uncertainty import calibrated_parameters
 from pa10cal.campaign.description import CampaignDescription
 from pa10cal.errors import CalibrationError
-from pa10cal.fit.fitted_model import FittedModel, model_to_plain
+from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.model_writing import model_to_plain
 from pa10cal.fit.problem import Solution, unidentified_directions
 from pa10cal.observe.observations import Observations
 from pa10cal.results.calibration import CalibratedParameter, Covariance, Health, InputFinding

@@ -292,9 +292,9 @@ def _refuse_to_replace(values: Mapping[str, Any]) -> None:
 def _with_files_of_models(inputs: Sequence[Path]) -> list[Path]:
     """Return inputs, and the files of the models that they are or that folders among them hold."""
     from pa10cal.fit.covariance_file import covariance_path  # late: with numpy
-    from pa10cal.fit.fitted_model import file_of
+    from pa10cal.fit.model_reading import model_file
 
-    models = [file_of(path) for path in inputs if path.is_dir() or path.suffix == ".yaml"]
+    models = [model_file(path) for path in inputs if path.is_dir() or path.suffix == ".yaml"]
     return [*inputs, *models, *map(covariance_path, models)]
 
 

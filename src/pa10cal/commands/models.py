@@ -28,7 +28,7 @@ def read_usable_model(path: Path, *, force: bool) -> FittedModel:
     Raises:
         ModelError: when it cannot be read, or its grade needs `force`.
     """
-    from pa10cal.fit.fitted_model import load_model
+    from pa10cal.fit.model_reading import load_model
 
     model = load_model(path)
     if needs_force(model) and not force:
@@ -435,7 +435,7 @@ def compare(first: Path, second: Path, *, out: Path | None = None) -> None:
         pa10cal compare june.yaml july.yaml --out compare.json
     """
     from pa10cal.evaluation.two_models import compare_models
-    from pa10cal.fit.fitted_model import load_model
+    from pa10cal.fit.model_reading import load_model
     from pa10cal.results.codec import write
 
     models = load_model(first), load_model(second)
@@ -508,7 +508,7 @@ def drift(models: tuple[Path, ...], *, out: Path, figures: Path | None = None) -
         pa10cal drift results/june results/july results/august --out drift.json --figures figures
     """
     from pa10cal.evaluation.what_moved import drift as drift_of
-    from pa10cal.fit.fitted_model import load_model
+    from pa10cal.fit.model_reading import load_model
     from pa10cal.results.codec import write
 
     fitted = [load_model(path) for path in models]

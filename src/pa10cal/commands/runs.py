@@ -173,12 +173,12 @@ def _read_small_campaigns(
 def _checked_prior(given: Path, results: Sequence[Path]) -> Path:
     """Return the file of a prior; refuse one that is unsound or among the results to be made."""
     from pa10cal.calibration.general.other_campaign import refuse_unsound
-    from pa10cal.fit.fitted_model import file_of, load_model
+    from pa10cal.fit.model_reading import load_model, model_file
     from pa10cal.planning.campaign import check_prior
 
     check_prior(given, results)
     refuse_unsound(load_model(given))
-    return file_of(given)
+    return model_file(given)
 
 
 def _link_raw_files(

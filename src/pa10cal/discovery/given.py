@@ -40,7 +40,9 @@ from pa10cal.discovery.rules import MAPS
 from pa10cal.errors import CalibrationError, remedy_for
 from pa10cal.fit.discrepancy import by_uncertain_joints_mm, discrepancy_of, lacking_mm
 from pa10cal.fit.fitted import FittedTo
-from pa10cal.fit.fitted_model import FittedModel, model_to_plain, models_of
+from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.model_reading import models_of
+from pa10cal.fit.model_writing import model_to_plain
 from pa10cal.fit.problem import Solution, identify, not_identifiable
 from pa10cal.observe.observations import Observations, average_repeats, reading_groups
 from pa10cal.observe.paths import HeldOutPlaces

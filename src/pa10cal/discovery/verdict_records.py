@@ -13,7 +13,8 @@ from pa10cal.discovery.finding import name_of, not_testable
 from pa10cal.discovery.log_faults import steps_told
 from pa10cal.discovery.rules import JUDGING, decisions
 from pa10cal.discovery.verdict import NOTHING_PLANNED, Plan, Verdict
-from pa10cal.fit.fitted_model import FittedModel, model_to_plain
+from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.model_writing import model_to_plain
 from pa10cal.fit.problem import possible_sizes
 from pa10cal.fit.validity import AngleCoverage
 from pa10cal.results.analysis import AnalysisRecord, GapField

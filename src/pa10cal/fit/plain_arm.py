@@ -1,9 +1,9 @@
-"""Conversion of arms and numbers to plain data, as `model.yaml` and results hold them, and back."""
+"""Arms, payloads and numbers as plain data, as `model.yaml` and results hold them, and back."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any, cast, get_args
 
 import numpy as np
@@ -18,6 +18,7 @@ from pa10cal.arm.description import (
     WeightsFrom,
     WeightsKnown,
 )
+from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Array, Mask
 from pa10cal.rules import LISTS
 
@@ -158,6 +159,33 @@ def _controller_from_plain(content: Mapping[str, Any] | None) -> Controller | No
         compensation=content["compensation"] == "on",
         known=bool(content["known"]),
         arm=None if arm is None else arm_from_plain(arm),
+    )
+
+
+def payload_to_plain(payload: Payload) -> dict[str, Any]:
+    """Return a payload, and those of the campaigns of a group, as numbers and lists."""
+    plain = {field.name: plain_value(getattr(payload, field.name)) for field in fields(Payload)}
+    plain.pop("of_campaigns")
+    if payload.of_campaigns:
+        plain["of_campaigns"] = [payload_to_plain(each) for each in payload.of_campaigns]
+    return plain
+
+
+def payload_from_plain(plain: Mapping[str, Any]) -> Payload:
+    """Return the payload that `payload_to_plain` described.
+
+    Raises:
+        KeyError: when a key is missing.
+        ValueError: when a value cannot be used.
+    """
+    return Payload(
+        mass_kg=float(finite(plain["mass_kg"], "mass_kg")),
+        com_m=finite(plain["com_m"], "com_m").reshape(3),
+        load_point_m=finite(plain["load_point_m"], "load_point_m").reshape(3),
+        gravity_m_s2=finite(plain["gravity_m_s2"], "gravity_m_s2").reshape(3),
+        known=bool(plain.get("known", True)),
+        com_u_m=None if plain.get("com_u_m") is None else float(plain["com_u_m"]),
+        of_campaigns=tuple(payload_from_plain(each) for each in plain.get("of_campaigns", ())),
     )
 
 

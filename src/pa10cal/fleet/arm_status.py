@@ -102,7 +102,7 @@ def _compared(previous: Path, current: Path) -> tuple[bool | None, str]:
     """
     # Late: planning a run lists campaigns, and compares none.
     from pa10cal.evaluation.two_models import compare_models
-    from pa10cal.fit.fitted_model import load_model
+    from pa10cal.fit.model_reading import load_model
 
     try:
         models = load_model(previous), load_model(current)

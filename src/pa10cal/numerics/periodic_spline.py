@@ -36,6 +36,8 @@ def unit_splines(knots: int) -> CubicSpline[np.float64]:
 
 def b_splines(knots: int, q_rad: Array) -> csr_array:
     """Return the K periodic cubic B-splines at angles (P,): (P, K) sparse, B-spline k at knot k."""
+    if not len(q_rad):  # the design matrix needs some
+        return csr_array((0, knots))
     stops = 2.0 * np.pi * np.arange(-_DEGREE, knots + _DEGREE + 1) / knots
     # Rounding may take an angle just below 0 to 2 pi itself, which is in the last interval then.
     inside = np.minimum(np.mod(q_rad, 2.0 * np.pi), stops[knots + _DEGREE])

@@ -64,9 +64,9 @@ def check_prior(prior: str | Path, results: Iterable[Path]) -> None:
         SettingsError: when it cannot be a prior of these.
         OutputError: when a run makes it at this moment.
     """
-    from pa10cal.fit.fitted_model import file_of  # late: with numpy
+    from pa10cal.fit.model_reading import model_file  # late: with numpy
 
-    file = file_of(Path(prior)).resolve()
+    file = model_file(Path(prior)).resolve()
     if not file.is_file():
         raise SettingsError(
             "the file is not there",
@@ -110,9 +110,9 @@ def prior_digest(prior: str | None) -> str:
         return ""
     # late: with numpy
     from pa10cal.fit.covariance_file import covariance_path
-    from pa10cal.fit.fitted_model import file_of
+    from pa10cal.fit.model_reading import model_file
 
-    file = file_of(Path(prior))
+    file = model_file(Path(prior))
     digest = hashlib.sha256()
     for path in (file, covariance_path(file)):
         with suppress(OSError), open_file(path) as content:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, JsonValue
+from pydantic import Field, JsonValue, model_validator
+from pydantic_core import PydanticCustomError
 
 from pa10cal.results import arrays, evaluation, record
 
@@ -258,6 +259,14 @@ class Covariance(record.Part):
     # deflection at a reference torque, for `K_lin_2`
     names: tuple[str, ...]
     matrix: Square  # covariance, in products of the parameters' units
+
+    @model_validator(mode="after")
+    def _as_large_as_names(self) -> Self:
+        count = len(self.names)
+        if self.matrix.shape != (count, count):
+            allowed = f"{count} rows and columns, as many as names"
+            raise PydanticCustomError("covariance", "{allowed}", {"allowed": allowed})
+        return self
 
 
 class Fit(record.Part):

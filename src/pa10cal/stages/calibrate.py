@@ -109,7 +109,7 @@ def _read_prior(path: Path, general: bool, *, force: bool) -> FittedModel:
     """Read the model to start from; refuse an unsound one, and any for the paper's model."""
     from pa10cal.calibration.campaign import refuse_prior
     from pa10cal.calibration.general.other_campaign import refuse_unsound
-    from pa10cal.fit.fitted_model import load_model
+    from pa10cal.fit.model_reading import load_model
 
     model = load_model(path)
     refuse_unsound(model, force=force)

@@ -57,7 +57,7 @@ def export(
     from pa10cal.files.arms import maker_calibration, urdf_of_arm
     from pa10cal.files.coupling import coupling_in_words
     from pa10cal.fit.fitted import predicting_model
-    from pa10cal.fit.fitted_model import save_model
+    from pa10cal.fit.model_writing import save_model
     from pa10cal.fit.rigid import beyond_rigid, dh_text, rigid_part
     from pa10cal.stages.inputs import read_calibrated, read_measured
 

@@ -13,8 +13,9 @@ from pa10cal.campaign.description import CampaignDescription, read_description
 from pa10cal.campaign.table import arm_of, read_observations
 from pa10cal.discovery.verdict_records import Extended
 from pa10cal.fit.covariance_file import covariance_beside
-from pa10cal.fit.fitted_model import FittedModel, model_from_plain, models_of
+from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.logged_torques import without_torque_errors
+from pa10cal.fit.model_reading import model_from_plain, models_of
 from pa10cal.observe.observations import Observations
 from pa10cal.results.calibration import CalibrationRecord
 from pa10cal.results.codec import read

@@ -19,8 +19,9 @@ from pa10cal.calibration.general.unknowns import choose_unknowns
 from pa10cal.discovery.log_faults import faults_of_input
 from pa10cal.errors import ModelError
 from pa10cal.files.arms import load_arm
-from pa10cal.fit.fitted_model import load_model, save_model
 from pa10cal.fit.forward import Forward
+from pa10cal.fit.model_reading import load_model
+from pa10cal.fit.model_writing import save_model
 from pa10cal.observe.joined import GroupCampaign, join
 from pa10cal.observe.pose import Touched
 from pa10cal.observe.quantities import Start

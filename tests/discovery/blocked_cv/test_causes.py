@@ -13,7 +13,8 @@ from pa10cal.discovery.blocked_cv.block_rows import ShapedEffect, weighted_rows
 from pa10cal.discovery.blocked_cv.linear_fit import linear_fit
 from pa10cal.discovery.refitted_verdict import with_findings
 from pa10cal.discovery.verdict_records import verdict_keys, verdict_record
-from pa10cal.fit.fitted_model import model_from_plain, model_to_plain
+from pa10cal.fit.model_reading import model_from_plain
+from pa10cal.fit.model_writing import model_to_plain
 from pa10cal.stages.discover import verdict_lines
 from pa10cal.terms.effects.joint_error_map import FadingPrior, JointErrorMap
 from pa10cal_lab.cell.effects.effect import Site

@@ -13,7 +13,8 @@ from pa10cal.discovery.blocked_cv.by_blocks import discover_by_blocks
 from pa10cal.discovery.blocked_cv.interleaved_check import SquaresByBlock, slow_drift
 from pa10cal.discovery.preparation import Prepared
 from pa10cal.discovery.target_wander import TargetWander, in_words, target_wander
-from pa10cal.fit.fitted_model import model_from_plain, model_to_plain
+from pa10cal.fit.model_reading import model_from_plain
+from pa10cal.fit.model_writing import model_to_plain
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.points import Points
 from pa10cal.options import Tolerances
