@@ -25,10 +25,8 @@ from pa10cal.commands.command_line import REFUSED, run_command
 from pa10cal.files.arms import arm_text, load_arm
 from pa10cal.fit import compensation, fitted_model, loads
 from pa10cal.fit.fitted import FallBack
-from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.misread_lists import of_joints
 from pa10cal.fit.model_reading import load_model
-from pa10cal.fit.model_writing import save_model
 from pa10cal.fit.validity import AngleCoverage, nothing_seen
 from pa10cal.options import Tolerances
 from pa10cal.results.codec import read
@@ -50,7 +48,7 @@ def springs(arm):
 def saved(tmp_path, **about):
     model = fitted("pa10_6ce", 3, springs)
     model = replace(model, fitted_to=fitted_to("c1", loads_N=(0.0, 44.0), **about))
-    save_model(model, tmp_path / "model.yaml")
+    model.save(tmp_path / "model.yaml")
     return model
 
 
@@ -99,8 +97,10 @@ def test_many_poses_are_predicted_in_blocks_with_the_same_bytes(tmp_path, capsys
     ]
     assert run("predict", tmp_path, lines, "--force") == 0
     said = capsys.readouterr().out
-    rows, blocks, former = [], FittedModel.predict_in_blocks, fitted_model.predicted
-    monkeypatch.setattr(FittedModel, "predict_in_blocks", partialmethod(blocks, rows=7))
+    rows, blocks, former = [], fitted_model.FittedModel.predict_in_blocks, fitted_model.predicted
+    monkeypatch.setattr(
+        fitted_model.FittedModel, "predict_in_blocks", partialmethod(blocks, rows=7)
+    )
 
     def predicted(model, given, frame):
         rows.append(len(given.q_rad))
@@ -137,8 +137,10 @@ def test_many_targets_are_compensated_in_blocks_with_the_same_bytes(tmp_path, ca
 
 def test_nothing_is_written_where_a_later_block_is_refused(tmp_path, monkeypatch):
     saved(tmp_path)
-    blocks = FittedModel.predict_in_blocks
-    monkeypatch.setattr(FittedModel, "predict_in_blocks", partialmethod(blocks, rows=1))
+    blocks = fitted_model.FittedModel.predict_in_blocks
+    monkeypatch.setattr(
+        fitted_model.FittedModel, "predict_in_blocks", partialmethod(blocks, rows=1)
+    )
     lines = [f"id,{JOINTS},load_N", "a,0,-90,90,0,10,0,0", "b,0,-90,90,0,10,0,9999"]
     assert run("predict", tmp_path, lines) == REFUSED
     assert not (tmp_path / "out.csv").exists()
@@ -377,7 +379,7 @@ def test_poses_are_sent_relative_to_the_controllers_own_model(tmp_path, capsys):
     ):
         chain = replace(model.model.chain, arm=replace(model.arm, controller=stated))
         content = replace(model, model=replace(model.model, chain=chain))
-        save_model(content, tmp_path / "model.yaml")
+        content.save(tmp_path / "model.yaml")
         assert run("compensate", tmp_path, lines, *options) == (0 if stated.known else REFUSED)
         assert said in "".join(capsys.readouterr())
         assert run("compensate", tmp_path, lines) == 0
@@ -385,7 +387,7 @@ def test_poses_are_sent_relative_to_the_controllers_own_model(tmp_path, capsys):
 
 def test_sides_of_arrival_are_columns_or_an_option(tmp_path, capsys):
     model = fitted("pa10_6ce", 3, lambda arm: (*springs(arm), Backlash("joint 1")))
-    save_model(replace(model, x=np.append(model.x[:-1], 3.5e-4)), tmp_path / "model.yaml")
+    replace(model, x=np.append(model.x[:-1], 3.5e-4)).save(tmp_path / "model.yaml")
     sides = [f"id,{JOINTS},arrival1", "a,1,2,3,4,5,6,1", "b,1,2,3,4,5,6,"]
     assert run("predict", tmp_path, sides) == 0
     known, unknown = column(rows(tmp_path / "out.csv"), "u_mm")[:, 0]
@@ -403,7 +405,7 @@ def test_effects_that_hold_nowhere_are_said_to_and_no_pose_is_away_for_that(tmp_
     model = saved(tmp_path)
     away = replace(model.nominal(), seen=None)
     model = replace(model, seen=None, falls_back=FallBack(nothing_seen(6), away))
-    save_model(model, tmp_path / "model.yaml")
+    model.save(tmp_path / "model.yaml")
     assert run("predict", tmp_path, [f"id,{JOINTS}", "P1,1,2,3,4,5,6"]) == 0
     said = capsys.readouterr().out
     assert "1 joint positions, 0 of them away from the poses of the fit; its effects hold" in said
@@ -418,7 +420,7 @@ def with_effect(tmp_path, id, *x):
     model = fitted("pa10_6ce", 3, lambda arm: (*springs(arm), effect))
     about = fitted_to("c1", temperature_std_C=2.0)
     model = replace(model, x=np.append(model.x[: -len(x)], x), fitted_to=about)
-    save_model(model, tmp_path / "model.yaml")
+    model.save(tmp_path / "model.yaml")
     return model
 
 
@@ -465,7 +467,7 @@ def test_lists_that_agree_with_the_model_are_not_warned_of(tmp_path, capsys):
     """Those that contradict it are in test_mistakes_with_models."""
     model = saved(tmp_path)
     seen = AngleCoverage(tuple(np.array([[0.2, 1.0]]) for _ in range(6)), (False,) * 6)
-    save_model(replace(model, seen=seen), tmp_path / "model.yaml")
+    replace(model, seen=seen).save(tmp_path / "model.yaml")
     q = np.random.default_rng(5).uniform(0.3, 0.9, (8, 6))
     T = model.predict(q).T
     quaternions = Rotation.from_matrix(T[:, :3, :3]).as_quat(scalar_first=True)
@@ -506,8 +508,8 @@ DOCS = Path(__file__).parents[2] / "docs/using-the-model.md"
 @pytest.fixture
 def here(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    save_model(campaign(1, "june"), tmp_path / "june.yaml")
-    save_model(shifted(campaign(2, "july"), delta_theta_3=1e-3), tmp_path / "july.yaml")
+    campaign(1, "june").save(tmp_path / "june.yaml")
+    shifted(campaign(2, "july"), delta_theta_3=1e-3).save(tmp_path / "july.yaml")
     return tmp_path
 
 
@@ -537,7 +539,7 @@ def no_file(here):
 
 
 def another_arm(here):
-    save_model(campaign(1, robot="ur10"), here / "july.yaml")
+    campaign(1, robot="ur10").save(here / "july.yaml")
 
 
 @pytest.mark.parametrize(
@@ -576,7 +578,7 @@ def test_a_folder_of_results_is_enough(here, capsys):
     for name in ("june", "july"):
         folder = here / "results" / name / "model"
         folder.mkdir(parents=True)
-        save_model(campaign(1, name), folder / "model.yaml")
+        campaign(1, name).save(folder / "model.yaml")
     assert run_command("compare", ["results/june", "results/july/model"]) == 0
     assert "expected to remain" in capsys.readouterr().out
     assert run_command("compare", ["results", "results/july"]) == REFUSED
