@@ -25,6 +25,7 @@ from pa10cal.commands.command_line import REFUSED, run_command
 from pa10cal.files.arms import arm_text, load_arm
 from pa10cal.fit import compensation, fitted_model, loads
 from pa10cal.fit.fitted import FallBack
+from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.misread_lists import of_joints
 from pa10cal.fit.model_reading import load_model
 from pa10cal.fit.validity import AngleCoverage, nothing_seen
@@ -97,10 +98,8 @@ def test_many_poses_are_predicted_in_blocks_with_the_same_bytes(tmp_path, capsys
     ]
     assert run("predict", tmp_path, lines, "--force") == 0
     said = capsys.readouterr().out
-    rows, blocks, former = [], fitted_model.FittedModel.predict_in_blocks, fitted_model.predicted
-    monkeypatch.setattr(
-        fitted_model.FittedModel, "predict_in_blocks", partialmethod(blocks, rows=7)
-    )
+    rows, blocks, former = [], FittedModel.predict_in_blocks, fitted_model.predicted
+    monkeypatch.setattr(FittedModel, "predict_in_blocks", partialmethod(blocks, rows=7))
 
     def predicted(model, given, frame):
         rows.append(len(given.q_rad))
@@ -137,10 +136,8 @@ def test_many_targets_are_compensated_in_blocks_with_the_same_bytes(tmp_path, ca
 
 def test_nothing_is_written_where_a_later_block_is_refused(tmp_path, monkeypatch):
     saved(tmp_path)
-    blocks = fitted_model.FittedModel.predict_in_blocks
-    monkeypatch.setattr(
-        fitted_model.FittedModel, "predict_in_blocks", partialmethod(blocks, rows=1)
-    )
+    blocks = FittedModel.predict_in_blocks
+    monkeypatch.setattr(FittedModel, "predict_in_blocks", partialmethod(blocks, rows=1))
     lines = [f"id,{JOINTS},load_N", "a,0,-90,90,0,10,0,0", "b,0,-90,90,0,10,0,9999"]
     assert run("predict", tmp_path, lines) == REFUSED
     assert not (tmp_path / "out.csv").exists()
@@ -403,9 +400,8 @@ def test_sides_of_arrival_are_columns_or_an_option(tmp_path, capsys):
 
 def test_effects_that_hold_nowhere_are_said_to_and_no_pose_is_away_for_that(tmp_path, capsys):
     model = saved(tmp_path)
-    away = replace(model.nominal(), seen=None)
-    model = replace(model, seen=None, falls_back=FallBack(nothing_seen(6), away))
-    model.save(tmp_path / "model.yaml")
+    away = FallBack(nothing_seen(6), replace(model.nominal(), seen=None))
+    replace(model, seen=None, falls_back=away).save(tmp_path / "model.yaml")
     assert run("predict", tmp_path, [f"id,{JOINTS}", "P1,1,2,3,4,5,6"]) == 0
     said = capsys.readouterr().out
     assert "1 joint positions, 0 of them away from the poses of the fit; its effects hold" in said
