@@ -25,8 +25,18 @@ from scipy.special import ndtri
 from scipy.stats import binomtest
 
 from pa10cal.arrays import Array
-from pa10cal_lab import blind_trial
+from pa10cal_lab import trial_faults, trial_names
 from pa10cal_lab import trial_records as results
+from pa10cal_lab.blind_trial import (
+    DETECTABLE_RATIO,
+    DRIVES,
+    LARGE_RATIO,
+    MAP,
+    OUTSIDE,
+    TRACKED,
+    WILD,
+    BlindTrial,
+)
 from pa10cal_lab.cell.measured_trials import MIXED, SORTED, SUBJECTS, UNSTATED
 
 #: Level of confidence intervals, and of the power at which an effect counts as found surely.
@@ -34,11 +44,11 @@ LEVEL = 0.95
 _AS_MEASURED = "arms, their lengths, weights and springs, poses, noise and hidden effects"
 #: What is drawn at random in the trials of each study.
 _DRAWN = {
-    **dict.fromkeys(("touched", blind_trial.TRACKED), "robots, poses, noise and hidden effects"),
-    blind_trial.WILD: "robots, poses, noise, stressors, faults and hidden effects",
+    **dict.fromkeys(("touched", TRACKED), "robots, poses, noise and hidden effects"),
+    WILD: "robots, poses, noise, stressors, faults and hidden effects",
     **dict.fromkeys(("unstated", "sorted"), _AS_MEASURED),
     "mixed": "arms, their lengths and weights, poses, noise and hidden effects",
-    blind_trial.DRIVES: "robots, poses, noise, errors of drives and ripple",
+    DRIVES: "robots, poses, noise, errors of drives and ripple",
 }
 
 TableName = Literal["trials", "effects", "faults", "parameters", "claims"]
@@ -48,7 +58,7 @@ CLAIM_EDGES = (0.0, 0.05, 0.2, 0.5, 0.8, 0.95, 1.0)
 _LEAST_PROBABILITY = 1e-4
 
 
-def tables_of(trials: Sequence[blind_trial.BlindTrial]) -> dict[TableName, pd.DataFrame]:
+def tables_of(trials: Sequence[BlindTrial]) -> dict[TableName, pd.DataFrame]:
     """Return trials as tables.
 
     `held_over_null` is the held-out error over the mean of trials of the layout that hide nothing.
@@ -70,12 +80,12 @@ def tables_of(trials: Sequence[blind_trial.BlindTrial]) -> dict[TableName, pd.Da
     }
 
 
-def _trial_row(t: blind_trial.BlindTrial) -> dict[str, Any]:
+def _trial_row(t: BlindTrial) -> dict[str, Any]:
     """Return the row of a trial in the table of trials."""
     return _about(t) | _names_row(t) | _faults_row(t) | _predicted_row(t)
 
 
-def _about(t: blind_trial.BlindTrial) -> dict[str, Any]:
+def _about(t: BlindTrial) -> dict[str, Any]:
     """Return what a trial is, and whether it has a verdict."""
     verdict = t.verdict
     return {
@@ -92,56 +102,59 @@ def _about(t: blind_trial.BlindTrial) -> dict[str, Any]:
     }
 
 
-def _names_row(t: blind_trial.BlindTrial) -> dict[str, Any]:
+def _names_row(t: BlindTrial) -> dict[str, Any]:
     """Return how names and formulas of a trial compare with what it hides."""
-    without_springs, without_background = t.without_springs(), t.without_background()
+    without_springs = trial_names.without_springs(t)
+    without_background = trial_names.without_background(t)
     above_limit = [hidden for hidden in t.to_be_named if t.is_above(hidden)]
     hidden_names = {hidden.name for hidden in t.hidden}
     return {
         "names": len(t.effects),
-        "extra": t.extra(),
-        "confidently_wrong": t.is_confidently_wrong(),
-        "right_place": t.kind == blind_trial.OUTSIDE and t.has_right_place(),
-        "all_listed": t.matched(t.to_be_named) == len(t.to_be_named),
+        "extra": trial_names.extra_count(t),
+        "confidently_wrong": trial_names.is_confidently_wrong(t),
+        "right_place": t.kind == OUTSIDE and trial_names.has_right_place(t),
+        "all_listed": trial_names.matched_count(t, t.to_be_named) == len(t.to_be_named),
         "all_testable": all(map(t.is_testable, t.to_be_named)),
         "has_above": bool(above_limit),
-        "above_listed": t.matched(above_limit) == len(above_limit),
-        "outside": t.is_outside(),
-        "right_formula": t.proposes(right=True),
-        "wrong_formula": t.proposes(right=False),
-        "false_name": without_springs.extra() > 0,
-        "confident_false_name": without_springs.is_confidently_wrong(blind_trial.CHECK),
-        "wrong_name": t.has_wrong_name(),
+        "above_listed": trial_names.matched_count(t, above_limit) == len(above_limit),
+        "outside": trial_names.is_outside(t),
+        "right_formula": trial_names.proposes(t, right=True),
+        "wrong_formula": trial_names.proposes(t, right=False),
+        "false_name": trial_names.extra_count(without_springs) > 0,
+        "confident_false_name": trial_names.is_confidently_wrong(
+            without_springs, trial_faults.CHECK
+        ),
+        "wrong_name": trial_names.has_wrong_name(t),
         "among": "a background" if any(each.outside for each in t.hidden) else "nothing else",
-        "named_beside": without_background.extra(),
-        "wrong_name_alone": without_background.has_wrong_name_alone(),
+        "named_beside": trial_names.extra_count(without_background),
+        "wrong_name_alone": trial_names.has_wrong_name_alone(without_background),
         "false_drive_name": any(
-            effect.id != blind_trial.MAP and hidden_names.isdisjoint(effect.all_names)
-            for effect in t.effects
+            effect.id != MAP and hidden_names.isdisjoint(effect.all_names) for effect in t.effects
         ),
     }
 
 
-def _faults_row(t: blind_trial.BlindTrial) -> dict[str, Any]:
+def _faults_row(t: BlindTrial) -> dict[str, Any]:
     """Return what was put into the log of a trial, and what is said of the log."""
     return {
-        "has_fault": t.has_fault(),
+        "has_fault": trial_faults.has_fault(t),
         "undisturbed": not any(each.kinds or each.measured for each in t.put_in),
-        "disturbed": t.hides_much() or any(map(t.matters, t.put_in)),
-        "false_comfort": t.has_false_comfort(),
-        "worse": t.is_worse(),
-        "accused": t.suspects_data(),
-        "motion_as_fact": bool(t.motions_as_facts()),
+        "disturbed": trial_faults.hides_much(t)
+        or any(trial_faults.matters(t, each) for each in t.put_in),
+        "false_comfort": trial_faults.has_false_comfort(t),
+        "worse": t.predicts_worse,
+        "accused": trial_faults.suspects_data(t),
+        "motion_as_fact": bool(trial_faults.motions_as_facts(t)),
     }
 
 
-def _predicted_row(t: blind_trial.BlindTrial) -> dict[str, Any]:
+def _predicted_row(t: BlindTrial) -> dict[str, Any]:
     """Return what a verdict says without names, its held-out error, and the time it took."""
     verdict = t.verdict
     if verdict is None:
         row: dict[str, Any] = dict.fromkeys(("says_something", "nameless"), False)
         return row | dict.fromkeys(("held_out_mm", "seconds", "whole_seconds"), np.nan)
-    maps = any(effect.id in (blind_trial.MAP, blind_trial.LINE) for effect in t.effects)
+    maps = any(effect.id in (MAP, trial_names.LINE) for effect in t.effects)
     return {
         "says_something": verdict.says_something,
         "nameless": bool(verdict.places) or maps,
@@ -151,11 +164,12 @@ def _predicted_row(t: blind_trial.BlindTrial) -> dict[str, Any]:
     }
 
 
-def _effect_rows(t: blind_trial.BlindTrial) -> Iterator[dict[str, Any]]:
+def _effect_rows(t: BlindTrial) -> Iterator[dict[str, Any]]:
     """Yield the rows of a trial in the table of hidden effects."""
     for k, hidden in enumerate(t.hidden):
-        named, alternatives = t.names(hidden), t.alternatives(hidden)
-        yield dict(t.judged_effect(hidden)) | {
+        named = trial_names.is_named(t, hidden)
+        alternatives = trial_names.alternative_count(t, hidden)
+        yield dict(_judged_effect(t, hidden)) | {
             "campaign": t.truth.campaign,
             "kind": t.kind,
             "to_be_named": not hidden.outside,
@@ -166,22 +180,26 @@ def _effect_rows(t: blind_trial.BlindTrial) -> Iterator[dict[str, Any]]:
             "apart": t.ratio(hidden, partial=True) or np.nan,
             "moved": t.moved_over_floor(hidden) or 0.0,
             "named": named,
-            "place_told": t.finds_place(hidden),
+            "place_told": trial_names.is_place_found(t, hidden),
             "alternatives": np.nan if alternatives is None else alternatives,
-            "alone": named and alternatives == 0 and not t.extra(),
+            "alone": named and alternatives == 0 and not trial_names.extra_count(t),
         }
 
 
-def _fault_rows(t: blind_trial.BlindTrial) -> Iterator[dict[str, Any]]:
+def _fault_rows(t: BlindTrial) -> Iterator[dict[str, Any]]:
     """Yield the rows of a trial in the table of stressors and faults."""
     for put_in in t.put_in:
-        about = {"campaign": t.truth.campaign, "has_fault": t.has_fault()}
-        yield about | {"matters": t.matters(put_in), "told": t.is_reported(put_in)}
+        yield {
+            "campaign": t.truth.campaign,
+            "has_fault": trial_faults.has_fault(t),
+            "matters": trial_faults.matters(t, put_in),
+            "told": trial_faults.is_reported(t, put_in),
+        }
 
 
-def _claim_rows(t: blind_trial.BlindTrial) -> Iterator[dict[str, Any]]:
+def _claim_rows(t: BlindTrial) -> Iterator[dict[str, Any]]:
     """Yield the rows of a trial in the table of claimed probabilities."""
-    for claim in t.claims():
+    for claim in trial_names.claims(t):
         above = int(np.searchsorted(CLAIM_EDGES, claim.probability, "right"))
         above = min(max(above, 1), len(CLAIM_EDGES) - 1)
         off = 1.0 - claim.probability if claim.right else claim.probability
@@ -287,13 +305,13 @@ def share_of(outcomes: Collection[Any]) -> dict[str, Any]:
     return {"count": count, "reached": count / total, "low": float(low), "high": float(high)}
 
 
-def _study(trial: blind_trial.BlindTrial) -> str:
+def _study(trial: BlindTrial) -> str:
     """Return the study of a trial, as `scores.csv` calls it."""
     studies = {UNSTATED: "unstated", SORTED: "sorted", MIXED: MIXED}
     return studies.get(trial.kind, trial.truth.measured)
 
 
-def scores_record(trials: Sequence[blind_trial.BlindTrial]) -> results.TrialScoresRecord:
+def scores_record(trials: Sequence[BlindTrial]) -> results.TrialScoresRecord:
     """Return the scores of trials of one study."""
     tables = tables_of(trials)
     studies = {_study(trial) for trial in trials} or {"touched"}
@@ -321,8 +339,68 @@ def scores_record(trials: Sequence[blind_trial.BlindTrial]) -> results.TrialScor
         subjects=_subjects(trials, tables["trials"]),
         parameter_scores=tuple(parameter_scores(trials)),
         power=study_power(tables["effects"]),
-        per_trial=tuple(t.score_row(tuple(failings.get(t.truth.campaign, ()))) for t in trials),
+        per_trial=tuple(
+            _judged_trial(t, tuple(failings.get(t.truth.campaign, ()))) for t in trials
+        ),
     )
+
+
+# Each trial and its hidden effects, as the record of scores has them.
+
+#: Largest number of characters that the scores quote of a verdict.
+_MOST_QUOTED = 200
+
+
+def _judged_trial(t: BlindTrial, failings: tuple[str, ...]) -> results.JudgedTrial:
+    """Return the row of a trial in the scores.
+
+    Args:
+        failings: what counts against targets.
+    """
+    verdict = t.verdict
+    failed = "refused" if t.refused else trial_names.FAILED
+    return results.JudgedTrial(
+        campaign=t.truth.campaign,
+        kind=t.kind,
+        layout=t.truth.layout,
+        path=t.truth.path,
+        hidden=tuple(_judged_effect(t, hidden) for hidden in t.hidden),
+        put_in=tuple(f"{each.id} at {', '.join(each.where)}" for each in t.put_in),
+        verdict=failed if verdict is None else verdict.word,
+        said=_summary(t)[:_MOST_QUOTED],
+        named=tuple(effect.either for effect in t.effects),
+        places=tuple(place or "unknown" for place in (() if verdict is None else verdict.places)),
+        extra=trial_names.extra_count(t),
+        failings=failings,
+        held_out_after_mm=None if verdict is None else verdict.held_out_after_mm,
+        noise_floor_mm=None if verdict is None else verdict.gap.noise_floor_mm,
+        seconds=None if verdict is None else verdict.seconds,
+    )
+
+
+def _judged_effect(t: BlindTrial, hidden: results.HiddenEffect) -> results.JudgedEffect:
+    """Return the record of how a hidden effect was judged."""
+    return results.JudgedEffect(
+        id=hidden.id,
+        of=hidden.of,
+        size=hidden.size,
+        ratio=t.ratio(hidden),
+        testable=t.is_testable(hidden),
+        separable=t.is_separable(hidden),
+        moves_poses=t.moves_poses(hidden),
+        listed=trial_names.is_listed(t, hidden),
+        outcome=trial_names.outcome(t, hidden),
+    )
+
+
+def _summary(t: BlindTrial) -> str:
+    """Return verdict, grade, names and faults in words, or why there is none."""
+    if t.verdict is None:
+        reason = getattr(t.judgement, "failed", "")
+        return f"{'refused' if t.refused else 'crashed'}: {reason}"
+    names = (effect.either for effect in t.effects)
+    faults = (f"{fault.kind} of {fault.where}" for fault in t.verdict.faults)
+    return "; ".join([f"{t.verdict.word}, {t.verdict.grade}", *names, *faults])
 
 
 # Counts of outcomes by what trials hide or put in.
@@ -332,7 +410,7 @@ _COUNTED = ("crashed", "refused", "false_comfort", "worse", "unexplained")
 
 
 def _subjects(
-    trials: Sequence[blind_trial.BlindTrial], by_trial: pd.DataFrame
+    trials: Sequence[BlindTrial], by_trial: pd.DataFrame
 ) -> tuple[results.OutcomeCounts, ...]:
     """Return counts of outcomes of what trials hide or put in, by kind of trial and id."""
     trial_count: Counter[tuple[str, str]] = Counter()
@@ -349,18 +427,16 @@ def _subjects(
     )
 
 
-def _outcomes(
-    t: blind_trial.BlindTrial, row: Mapping[Any, Any]
-) -> Iterator[tuple[str, Mapping[str, int]]]:
+def _outcomes(t: BlindTrial, row: Mapping[Any, Any]) -> Iterator[tuple[str, Mapping[str, int]]]:
     """Yield the ids under which a trial counts, each with its outcomes; see `OutcomeCounts`."""
-    if t.truth.measured == blind_trial.DRIVES:
+    if t.truth.measured == DRIVES:
         erroneous = () if t.kind == "neither" else t.hidden
         for joint in dict.fromkeys(hidden.of for hidden in erroneous):
-            yield "joint", {t.drive_outcome(joint): 1}
+            yield "joint", {trial_names.drive_outcome(t, joint): 1}
         return
-    if t.truth.measured != blind_trial.WILD:
-        if t.kind in ("single", blind_trial.OUTSIDE):
-            yield t.hidden[0].id, {t.outcome(t.hidden[0]): 1}
+    if t.truth.measured != WILD:
+        if t.kind in ("single", OUTSIDE):
+            yield t.hidden[0].id, {trial_names.outcome(t, t.hidden[0]): 1}
         return
     as_measured = t.kind in SUBJECTS
     if t.kind == MIXED:
@@ -377,10 +453,12 @@ def _outcomes(
     ids = [each.id for each in (t.hidden if by_effect else t.put_in)]
     for id in dict.fromkeys(ids or ["nothing"]):
         hidden = [each for each in t.hidden if not as_measured or each.id == id]
-        told = [t.is_reported(each) for each in t.put_in if t.matters(each)]
+        told = [
+            trial_faults.is_reported(t, each) for each in t.put_in if trial_faults.matters(t, each)
+        ]
         if as_measured:
-            told = [t.lists(each) for each in hidden if t.is_detectable(each)]
-        found = sum(map(t.lists, hidden))
+            told = [trial_names.is_listed(t, each) for each in hidden if t.is_detectable(each)]
+        found = sum(trial_names.is_listed(t, each) for each in hidden)
         yield id, counted | {"above_noise": len(told), "told": sum(told), "found": found}
 
 
@@ -389,7 +467,7 @@ def _outcomes(
 _AXES = "xyz"
 
 
-def parameter_scores(trials: Iterable[blind_trial.BlindTrial]) -> Iterator[results.ParameterScore]:
+def parameter_scores(trials: Iterable[BlindTrial]) -> Iterator[results.ParameterScore]:
     """Yield the errors, over their standard uncertainties, of parameters of rightly named effects.
 
     Phases differ modulo a turn, for amplitudes of the same sign. Maps are omitted: cell and
@@ -397,7 +475,7 @@ def parameter_scores(trials: Iterable[blind_trial.BlindTrial]) -> Iterator[resul
     """
     for trial in trials:
         for hidden, named in itertools.product(trial.hidden, trial.effects):
-            if named.name != hidden.name or hidden.id == blind_trial.MAP:
+            if named.name != hidden.name or hidden.id == MAP:
                 continue
             truth = true_parameters(hidden)
             for name, reported in named.parameters.items():
@@ -431,10 +509,7 @@ _STEEP = 5.0
 #: residual is `DETECTABLE_RATIO` and `LARGE_RATIO` times the floor.
 MOVED_EDGES = (
     *(0.0, 0.1, 0.2, 0.4),
-    *(
-        float(np.sqrt(ratio**2 - 1.0))
-        for ratio in (blind_trial.DETECTABLE_RATIO, blind_trial.LARGE_RATIO)
-    ),
+    *(float(np.sqrt(ratio**2 - 1.0)) for ratio in (DETECTABLE_RATIO, LARGE_RATIO)),
     *(8.0, np.inf),
 )
 #: Least part of the residual over the noise floor, whose logarithm is finite.

@@ -5,6 +5,7 @@ import pytest
 import made_up_trials
 from made_up_trials import named, scored, verdict
 from pa10cal.results.record import Name
+from pa10cal_lab.trial_names import drive_outcome
 
 
 def trial(kind, hidden, found, number=0, failed=None):
@@ -47,7 +48,7 @@ S, G, M = "sensor_error", "gear_error", "joint_error_map"
     ],
 )
 def test_what_became_of_a_joint(hidden, found, became):
-    assert trial("sensor", hidden, found).drive_outcome("joint 2") == became
+    assert drive_outcome(trial("sensor", hidden, found), "joint 2") == became
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,10 @@ import made_up_trials
 from drawn_examples import examples
 from made_up_trials import figures, hidden, named, scored
 from pa10cal.results.record import Name
-from pa10cal_lab.blind_trial import (
+from pa10cal_lab import trial_names
+from pa10cal_lab.cell.effects.vocabulary import nameless
+from pa10cal_lab.scores import power, share_of, true_parameters
+from pa10cal_lab.trial_names import (
     ELSEWHERE,
     FAILED,
     LISTED,
@@ -19,10 +22,10 @@ from pa10cal_lab.blind_trial import (
     RIGHT_PLACE,
     WRONG_PLACE,
     Formula,
+    is_place_found,
     is_right,
+    outcome,
 )
-from pa10cal_lab.cell.effects.vocabulary import nameless
-from pa10cal_lab.scores import power, share_of, true_parameters
 
 WAVE = Name("transmission_error", "joint 2")
 DISK = Name("encoder_eccentricity", "joint 2")
@@ -307,7 +310,7 @@ def test_intervals_take_vectors_apart_and_leave_maps_and_wrong_places_out():
 )
 def test_outcomes(said, expected):
     one = single(WAVE, said)
-    assert one.outcome(one.hidden[0]) == expected
+    assert outcome(one, one.hidden[0]) == expected
     (subject,) = scored([one, one]).subjects
     assert (subject.kind, subject.id) == ("single", "transmission_error")
     assert subject.counts == {expected: 2}
@@ -315,7 +318,7 @@ def test_outcomes(said, expected):
 
 def test_a_map_at_the_joint_of_what_has_no_name_is_the_right_place():
     one = trial("outside", [THIRD], verdict(named(MAP)))
-    assert one.outcome(one.hidden[0]) == RIGHT_PLACE
+    assert outcome(one, one.hidden[0]) == RIGHT_PLACE
 
 
 @pytest.mark.parametrize(
@@ -330,7 +333,7 @@ def test_a_map_at_the_joint_of_what_has_no_name_is_the_right_place():
 )
 def test_a_place_is_told_by_whatever_name(said, told):
     one = trial("outside", [THIRD], said)
-    assert one.finds_place(THIRD) == told
+    assert is_place_found(one, THIRD) == told
 
 
 def test_power_is_studied_by_size_and_by_what_moves():
@@ -551,7 +554,7 @@ def test_a_power_curve_needs_both_outcomes_and_claims_nothing_outside_the_sizes_
 def claims(what, said, kind="single"):
     """What a trial's findings claim, by what they claim it of."""
     found = {}
-    for claim in trial(kind, what, verdict(said)).claims():
+    for claim in trial_names.claims(trial(kind, what, verdict(said))):
         found.setdefault(claim.of, []).append((claim.probability, claim.right))
     return found
 
@@ -561,7 +564,7 @@ def claims(what, said, kind="single"):
 def test_a_line_is_right_if_it_has_the_hidden_cycles(line, cycles, right):
     said = verdict(named(Name(line, "joint 2"), k=(cycles, 0.1)))
     case = trial("outside", (HIDDEN_THIRD,), said)
-    assert [each.right for each in case.claims() if each.of == "name"] == [right]
+    assert [each.right for each in trial_names.claims(case) if each.of == "name"] == [right]
 
 
 def test_probabilities_are_held_against_what_is_hidden():

@@ -23,7 +23,7 @@ from pa10cal.terms.term import Term
 
 #: Name and version of the format.
 SCHEMA = "pa10cal-model/2"
-#: Characters of a line of YAML, at most (chosen).
+#: Most characters of a line of YAML (format).
 _LINE_WIDTH = 120
 
 
