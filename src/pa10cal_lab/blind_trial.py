@@ -22,8 +22,10 @@ from pa10cal_lab.cell.effects.vocabulary import all_effects
 TRACKED, WILD, DRIVES = "tracked", "wild", "drives"
 #: The kind of trials that hide an effect outside the vocabulary.
 OUTSIDE = "outside"
-#: Ids of effects: a map of a joint's error by its angle; a spring of a joint.
-MAP, SPRING = "joint_error_map", "joint_compliance"
+#: Id of a map of a joint's error by its angle.
+MAP = "joint_error_map"
+#: Id of a spring of a joint as an effect.
+SPRING = "joint_compliance"
 #: Residual over that of noise alone from which it is large, and from which its effect counts as
 #: detectable.
 LARGE_RATIO, DETECTABLE_RATIO = 3.0, 1.5

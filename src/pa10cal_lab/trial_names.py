@@ -24,7 +24,8 @@ from pa10cal_lab.trial_records import HiddenEffect
 LINE = "periodic_error"
 _LINES = (LINE, "gear_line")
 #: Ids of errors of a drive.
-_SENSOR, _GEAR = "sensor_error", "gear_error"
+_SENSOR = "sensor_error"
+_GEAR = "gear_error"
 #: Difference of orders, in cycles a turn, below which they count as equal.
 _SAME_ORDER = 0.5
 
