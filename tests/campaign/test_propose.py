@@ -249,12 +249,16 @@ def test_numbers_behind_x_y_z_are_those_of_targets(tmp_path, written):
         assert "# read so: 40 rows can be used, 0 cannot" in text
 
 
-def test_angles_of_joints_may_be_gradians(tmp_path, written):
+@pytest.mark.parametrize(
+    ("word", "unit", "deg"),
+    [("gon", "gon", 0.9), ("turns", "turns", 360.0), ("rev", "turns", 360.0)],
+)
+def test_angles_of_joints_may_be_gradians_or_turns(tmp_path, written, word, unit, deg):
     raw, table = tracked(tmp_path)
-    own = table.rename(columns={name: f"J{k} [gon]" for k, name in enumerate(Q, start=1)})
-    own[[f"J{k} [gon]" for k in range(1, 7)]] /= 0.9
+    own = table.rename(columns={name: f"J{k} [{word}]" for k, name in enumerate(Q, start=1)})
+    own[[f"J{k} [{word}]" for k in range(1, 7)]] /= deg
     content, text, folder = written(own, "--robot", "ur10")
-    assert content["columns"]["poses"]["joints"]["unit"] == "gon"
+    assert content["columns"]["poses"]["joints"]["unit"] == unit
     np.testing.assert_allclose(read_campaign(folder).observations.states.q_rad, raw.q, atol=1e-8)
     assert "0 cannot" in text
 

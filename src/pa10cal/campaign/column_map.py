@@ -15,6 +15,8 @@ from pa10cal.campaign.recognise import unit_of
 #: Units by their size in the contract's unit: mm, degrees, N m, seconds, N, degrees Celsius.
 LENGTHS = {"mm": 1.0, "cm": 10.0, "m": 1e3, "um": 1e-3, "in": 25.4}
 ANGLES = {"deg": 1.0, "rad": 57.29577951308232, "mrad": 0.05729577951308232, "gon": 0.9}
+#: Units of joint positions, which may be turns, too.
+JOINT_ANGLES = ANGLES | {"turns": 360.0}
 #: The unit of joint positions that are counts of an encoder.
 COUNTS = "counts"
 TORQUES = {"Nm": 1.0, "Nmm": 1e-3, "kNm": 1e3}
@@ -23,7 +25,7 @@ FORCES = {"N": 1.0, "kg": 9.80665}
 TEMPERATURES = {"C": 1.0, "K": 1.0, "F": 5.0 / 9.0}  # with `OFFSETS`
 #: Numbers in a unit are multiplied by a factor, then an offset is added, for the contract's unit.
 FACTORS = {
-    **(LENGTHS | ANGLES | TORQUES | TIMES | FORCES | TEMPERATURES),
+    **(LENGTHS | JOINT_ANGLES | TORQUES | TIMES | FORCES | TEMPERATURES),
     "": 1.0,
 }
 OFFSETS = {"K": -273.15, "F": -160.0 / 9.0}
@@ -32,7 +34,7 @@ _JOINT = re.compile(r"(q\d+)_(?:deg|mm)")
 #: A name that needs no quotes in YAML.
 _PLAIN = re.compile(r"[^\W\d][\w.]*")
 #: Units of one quantity each.
-_FAMILIES = (LENGTHS, ANGLES, TORQUES, TIMES, FORCES, TEMPERATURES)
+_FAMILIES = (LENGTHS, JOINT_ANGLES, TORQUES, TIMES, FORCES, TEMPERATURES)
 #: Units in words, for messages.
 UNIT_WORDS = {
     **{"um": "micrometres", "mm": "millimetres", "cm": "centimetres", "in": "inches"},

@@ -84,7 +84,7 @@ class Joints(Section):
     """Joint positions, in the order of the arm's joints."""
 
     names: Names
-    unit: Literal["deg", "rad", "mrad", "gon", "counts"] = "deg"
+    unit: Literal["deg", "rad", "mrad", "gon", "turns", "counts"] = "deg"
     stroke_unit: LengthUnit = "mm"
     counts_per_turn: Annotated[tuple[Positive, ...], BeforeValidator(_as_tuple)] | None = Field(
         default=None,

@@ -16,6 +16,7 @@ from pa10cal.campaign.column_map import (
     ANGLES,
     COUNTS,
     FORCES,
+    JOINT_ANGLES,
     LENGTHS,
     TEMPERATURES,
     TIMES,
@@ -92,7 +93,7 @@ class ProposedColumns:
         self.checks += _notes_on_joints(self.sniffed, names)
         unit = self._unit_of_angles(logged, slides)
         columns["joints"] = {"names": list(names), "unit": unit}
-        factor = np.full(len(names), ANGLES.get(unit, 1.0))
+        factor = np.full(len(names), JOINT_ANGLES.get(unit, 1.0))
         if unit == COUNTS:
             scale = self._scale_of_counts(logged, slides)
             columns["joints"] |= {"counts_per_turn": scale.per_turn, "zero_count": scale.zero}
@@ -113,7 +114,7 @@ class ProposedColumns:
         """Return the unit of the joints (N, n) that turn: of angles, or counts of encoders."""
         names = zip(self.roles.joints, slides, strict=True)
         turns = [name for name, slide in names if not slide]
-        if unit := self._stated(turns, {**ANGLES, COUNTS: 1.0}):
+        if unit := self._stated(turns, {**JOINT_ANGLES, COUNTS: 1.0}):
             return unit
         if turns and looks_like_counts(logged[:, ~slides]):
             return COUNTS
