@@ -94,23 +94,15 @@ def refuse_of_another_arm(terms: Iterable[Term], chain: Chain, where: str) -> No
         TermError: naming the term, and what of it the arm has not.
     """
     n = chain.arm.n
-    known_joints, known_weights = range(1, n + 1), range(4 * n + 3)
     for term in terms:
+        wrong = [name for name in term.coordinates if not chain.has_coordinate(name)]
         parts: tuple[Any, ...] = (term,)
         if of_one_campaign(term):
             parts = (term.term,)
         elif is_nameless(term):
             parts = term.terms
-        wrong: list[object] = [name for name in term.coordinates if not chain.has_coordinate(name)]
         for part in parts:
-            names = [each.name for each in fields(part) if each.name in _JOINT_NUMBERS]
-            joints = [getattr(part, name) for name in names]
-            joints += getattr(part, "joints", ())
-            wrong += [f"joint {joint}" for joint in joints if joint not in known_joints]
-            if holds_weights(part):
-                columns = (*part.columns, *(() if part.held is None else (part.held,)))
-                wrong += [f"column {column}" for column in columns if column not in known_weights]
-                wrong += [f"{part.n} joints"] * (part.n != n)
+            wrong += _beyond_joints(part, n)
         if wrong:
             raise TermError(
                 "a term of what the arm does not have",
@@ -121,8 +113,20 @@ def refuse_of_another_arm(terms: Iterable[Term], chain: Chain, where: str) -> No
             )
 
 
-#: Fields that hold the number of a joint.
+#: Fields of terms that hold the number of a joint.
 _JOINT_NUMBERS = ("joint", "by", "last")
+
+
+def _beyond_joints(term: Any, n: int) -> list[str]:
+    """Return the joints and weights of a term that an arm of n joints does not have, in words."""
+    names = [each.name for each in fields(term) if each.name in _JOINT_NUMBERS]
+    joints = [*(getattr(term, name) for name in names), *getattr(term, "joints", ())]
+    wrong = [f"joint {joint}" for joint in joints if not 1 <= joint <= n]
+    if holds_weights(term):
+        columns = (*term.columns, *(() if term.held is None else (term.held,)))
+        wrong += [f"column {column}" for column in columns if not 0 <= column < 4 * n + 3]
+        wrong += [f"{term.n} joints"] * (term.n != n)
+    return wrong
 
 
 def _term_of_campaign(form: Mapping[str, Any], where: str) -> OfCampaign:

@@ -268,5 +268,5 @@ def test_what_can_do_more_than_a_name_weighs_less_beside_one(found):
     beside = dict(zip(rivals, chosen.squares_with_each(rivals), strict=True))
     _, tried = in_place_of(search, chosen, 0, beside, len(data))
     of_map = 1.0 if found == JointErrorMap("joint 1") else PROBABILITIES.flexible
-    weights = {each.effect: each.weight for each in tried}
+    weights = {each.effect: each.prior_odds for each in tried}
     assert weights == dict(zip(others, (1.0, PROBABILITIES.flexible, of_map), strict=True))

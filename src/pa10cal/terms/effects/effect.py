@@ -1,7 +1,6 @@
-"""The base class of effects: terms with a name, a place and plausible sizes.
+"""Effects: where a campaign makes them possible, their base classes, and the vocabulary.
 
-Also what a campaign says of where effects are possible, the quantities of poses that effects need,
-and the vocabulary: all classes of effects in this package, at all their places.
+The vocabulary is all classes of effects in this package, at all their places.
 """
 
 from __future__ import annotations
@@ -328,7 +327,10 @@ class AtJoint(Effect):
 
 @dataclass(frozen=True)
 class JointEffect(AtJoint):
-    """An effect at a joint that is no periodic error of its angle."""
+    """An effect at a joint that held-out poses beyond its visited positions can contradict.
+
+    `discovery/no_harm` then drops these names first. Waves of the angle are none: they go on there.
+    """
 
 
 def is_effect(term: Term) -> TypeGuard[Effect]:
