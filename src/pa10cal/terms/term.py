@@ -93,7 +93,7 @@ Condition = Literal["temperature_C", "time_s"]
 class InPredictions(Protocol):
     """What predictions ask of a term: `terms/model`, `fit/forward`, `fit/rigid`, `commands/models`.
 
-    Searches ask some of it of classes, to choose among effects.
+    `discovery/together`, `discovery/nameless` and `blocked_cv/search` choose effects by some of it.
     """
 
     #: Whether it turns a joint under the torque that this carries, see `Yielding`.
@@ -104,14 +104,18 @@ class InPredictions(Protocol):
     bends: ClassVar[bool] = False
     #: In which poses it applies.
     holds: ClassVar[Holds] = "everywhere"
-    #: The condition on which it depends; None for none.
+    #: The condition on which it depends; None for none. Searches judge effects of time apart.
     depends_on: ClassVar[Condition | None] = None
-    #: What it corrects. Predicted poses leave out errors of log and readings.
+    #: What it corrects. `fit/forward.moves_robot` leaves errors of log and readings out of what is
+    #: predicted, `discovery/gates` prefers the robot to the readings, `is_fault` finds statements.
     error_of: ClassVar[ErrorOf] = "robot"
 
     @property
     def constant(self) -> bool:
-        """Return whether it adds each parameter to one coordinate, the same wherever it applies."""
+        """Return whether it adds each parameter to one coordinate, the same wherever it applies.
+
+        Such are departures, which `Model.departures` names and `fit/rigid` puts into the geometry.
+        """
         return False
 
     def targets_derivative(self, states: PoseStates, x: Array) -> Array | None:
@@ -171,7 +175,10 @@ class InOtherCampaigns(Protocol):
 
     @property
     def stays_with_arm(self) -> bool:
-        """Return whether other campaigns of the arm have it too, be it by amounts of their own."""
+        """Return whether it is of the arm as it is built, and not of how one campaign went.
+
+        Base and tool that give way are; where base and tool stood, and what drifts, are not.
+        """
         return True
 
     def elsewhere(self: Term) -> Transferred | None:
