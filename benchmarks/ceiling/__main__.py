@@ -64,7 +64,6 @@ def ceiling_of(folder: Path, python: Path, random_seed: int = 1) -> Ceiling:
         Pa10calError: when the campaign cannot be read or calibrated.
     """
     import pa10cal
-    from pa10cal.discovery.jacobians import residual
 
     campaign = pa10cal.read_campaign(folder)
     every = campaign.observations
@@ -79,7 +78,7 @@ def ceiling_of(folder: Path, python: Path, random_seed: int = 1) -> Ceiling:
     assert held_out is not None
     fitted, asked = verdict.train.poses, held_out.poses
     positions = fitted.measured.position_columns
-    left, missed = (1e3 * residual(model, each)[:, positions] for each in (fitted, asked))
+    left, missed = (1e3 * model.compared(each).residual[:, positions] for each in (fitted, asked))
     size = np.linalg.norm(left, axis=1)
     usual = size <= _GROSS * np.median(size)
 

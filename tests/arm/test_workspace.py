@@ -9,15 +9,7 @@ from hypothesis import strategies as st
 
 from drawn_examples import examples
 from pa10cal.arm.chain import Chain
-from pa10cal.arm.workspace import (
-    Box,
-    PosturePoints,
-    admissible,
-    facing,
-    in_sight,
-    keep_out,
-    within,
-)
+from pa10cal.arm.workspace import Box, PosturePoints, admissible, facing, in_sight, keep_out, within
 from pa10cal.files.arms import load_arm
 
 BOX = Box(np.array([-1.0, -0.5, 0.0]), np.array([1.0, 0.5, 2.0]))

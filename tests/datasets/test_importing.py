@@ -18,12 +18,7 @@ from pa10cal.campaign.description import read_description
 from pa10cal.campaign.raw_rows import Quarantined
 from pa10cal.datasets.data_set import ImportedCampaign, Published
 from pa10cal.datasets.fetching import fetch, sha256
-from pa10cal.datasets.importing import (
-    description,
-    import_campaigns,
-    table_bytes,
-    write_campaigns,
-)
+from pa10cal.datasets.importing import description, import_campaigns, table_bytes, write_campaigns
 from pa10cal.datasets.readers import dataset_named, dataset_names
 from pa10cal.errors import OutputError, RawDataError
 

@@ -12,7 +12,6 @@ from made_up_survey import POSITION_M, observe
 from pa10cal.discovery.blocked_cv.by_blocks import discover_by_blocks
 from pa10cal.discovery.gross_errors import moved_between_repeats
 from pa10cal.discovery.in_time import in_time_of
-from pa10cal.discovery.jacobians import residual
 from pa10cal.discovery.model_with_effects import with_base_motion
 from pa10cal.discovery.noise import same_circumstances
 from pa10cal.discovery.nuisances import motion_unexplained
@@ -77,7 +76,7 @@ def test_a_wander_is_unexplained(null):
 
 def between_repeats(null, by_m):
     readings = null.readings
-    left = residual(null.baseline, readings)
+    left = null.baseline.compared(readings).residual
     left[:, :3] += by_m
     return moved_between_repeats(readings, left, same_circumstances(readings))
 

@@ -14,7 +14,6 @@ from pa10cal.discovery.evidence.noise_model import NO_SHARED_ERROR
 from pa10cal.discovery.evidence.problem import prepare
 from pa10cal.discovery.finding import name_of
 from pa10cal.discovery.gap import errors_by_name
-from pa10cal.discovery.jacobians import residual
 from pa10cal.discovery.lack_of_fit import drift, mean, periodogram
 from pa10cal.discovery.noise import same_circumstances
 from pa10cal.fit.fitted_model import FittedModel
@@ -69,7 +68,7 @@ def test_pure_error_is_all_there_is_where_nothing_is_missing(null, nothing):
 
 def test_the_floor_is_what_the_noise_of_the_cells_leaves(null, nothing):
     readings = null.problem.readings
-    left_m, group = residual(null.start.at, readings)[:, :3], same_circumstances(readings)
+    left_m, group = null.start.at.compared(readings).residual[:, :3], same_circumstances(readings)
     scatter_m = left_m - group_means(left_m, group)[group]
     variance_m2 = np.sum(scatter_m**2) / (len(readings) - group.max() - 1)
     # Two readings a cell: one a direction of arrival.

@@ -16,7 +16,6 @@ from pa10cal.discovery.evidence.fit import EvidenceFit, fit
 from pa10cal.discovery.evidence.noise_model import NO_SHARED_ERROR
 from pa10cal.discovery.evidence.problem import EvidenceProblem, prepare
 from pa10cal.discovery.evidence.search import evidence_about, search
-from pa10cal.discovery.jacobians import residual
 from pa10cal.discovery.next_poses import (
     PairProbability,
     draw_near,
@@ -265,7 +264,7 @@ def test_what_is_predicted_is_what_was_measured(ratio):
     ):
         for part in (np.s_[:, :3], np.s_[:, 3:]):
             assert np.linalg.norm((foreseen - seen)[part]) < 0.2 * np.linalg.norm(seen[part])
-    assert np.abs(residual(ratio.start.at, poses)).max() < 1e-12
+    assert np.abs(ratio.start.at.compared(poses).residual).max() < 1e-12
 
 
 # What more log evidence is expected to say.

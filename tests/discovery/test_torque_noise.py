@@ -7,7 +7,6 @@ import pytest
 
 import pa10cal
 from pa10cal.calibration.options import CalibrationOptions
-from pa10cal.discovery.jacobians import residual
 from pa10cal.discovery.noise import noise_of_near_poses, with_torque_noise
 from pa10cal.discovery.preparation import complete, prepared, setup_of
 from pa10cal.options import DiscoveryOptions
@@ -35,7 +34,7 @@ def test_it_is_what_scatters_about_the_weights_and_moves_through_springs():
     setup = setup_of(read.description, read.arm, CalibrationOptions(), DiscoveryOptions())
     ready = prepared(read.observations, model, setup)
     poses = complete(ready.readings, ready.baseline, setup)
-    stated = noise_of_near_poses(poses, residual(ready.baseline, poses))
+    stated = noise_of_near_poses(poses, ready.baseline.compared(poses).residual)
     found = with_torque_noise(stated, ready.baseline, poses, setup.payload)
     np.testing.assert_allclose(found.torque_Nm, FRACTION * arm.torque_limit_Nm, rtol=0.25)
     added = np.linalg.eigvalsh(found.cov - stated.cov)

@@ -107,7 +107,7 @@ def shown(survey, by_joints_rad=None, base_m=None):
     """Return the warm-ups that are shown if joints (P, 6), or a base (P, 6), are off by so much."""
     poses, at = survey.poses, survey.baseline
     at = replace(at, model=with_base_motion(at), x=np.append(at.x, np.zeros(6)))
-    left = jacobians.residual(at, poses)
+    left = at.compared(poses).residual
     if by_joints_rad is not None:
         left = left + np.einsum("pbj,pj->pb", jacobians.by_joints(at, poses, JOINTS), by_joints_rad)
     if base_m is not None:

@@ -13,13 +13,7 @@ import pytest
 from hypothesis import strategies as st
 
 from pa10cal.errors import OutputError
-from pa10cal.files.output import (
-    folder_beside,
-    remove_partials,
-    whole_file,
-    whole_files,
-    write_text,
-)
+from pa10cal.files.output import folder_beside, remove_partials, whole_file, whole_files, write_text
 
 
 def no_locks(*_):

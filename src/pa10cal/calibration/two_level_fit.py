@@ -19,14 +19,7 @@ from pa10cal.calibration.two_level_problem import TwoLevel, rows_of, spread_pose
 from pa10cal.calibration.uncertainty import propagate, with_own_scatter
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.fit.problem import (
-    Identifiability,
-    Problem,
-    Rows,
-    Solution,
-    identify,
-    not_identifiable,
-)
+from pa10cal.fit.problem import Identifiability, Problem, Rows, Solution, identify, not_identifiable
 from pa10cal.fit.validity import angles_seen
 from pa10cal.numerics.least_squares import Bounds
 from pa10cal.observe.observations import Observations

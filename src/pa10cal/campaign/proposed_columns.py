@@ -49,10 +49,7 @@ from pa10cal.campaign.recognise import (
     standing,
     unit_of,
 )
-from pa10cal.campaign.row_targets import (
-    target_column,
-    target_names,
-)
+from pa10cal.campaign.row_targets import target_column, target_names
 from pa10cal.campaign.sniffing import JUDGED, Sniffed, time_columns
 from pa10cal.errors import RawDataError
 from pa10cal.frame.target_problem import scale_of_points

@@ -229,7 +229,7 @@ def change_columns(kind: Kind, target: int, at: FittedModel, poses: Observations
     """Return the derivative of predicted less measured components by a change, (P, b, k)."""
     if kind == "base":
         return CHANGE.size * jacobians.by_base(at, poses)
-    of_targets = jacobians.by_targets(at, poses)
+    of_targets = at.compared(poses).by_targets
     if kind == "target":
         return CHANGE.size * of_targets[:, :, 3 * target : 3 * target + 3]
     if kind == "tool":
@@ -262,9 +262,9 @@ class StepRows:
         """Whiten P poses, with columns (P, b, k) in addition to those of model and targets."""
         own = jacobians.by_scaled_terms(at, poses, at.model.terms)
         nuisances = [CHANGE.static_sizes * columns for columns in own]
-        nuisances += [MOTION.targets_m * jacobians.by_targets(at, poses), *beside]
+        nuisances += [MOTION.targets_m * at.compared(poses).by_targets, *beside]
         self._whitener, self._nuisances = whitener, whitener @ np.concatenate(nuisances, axis=2)
-        self._data = (whitener @ -jacobians.residual(at, poses)[:, :, None])[:, :, 0]
+        self._data = (whitener @ -at.compared(poses).residual[:, :, None])[:, :, 0]
         self._unchanged = Gaussian.of(self._nuisances, self._data)
         self._seen = int(poses.measured.components_seen.sum())
         # A step is between rows of different times, with enough rows on either side.

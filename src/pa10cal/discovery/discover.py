@@ -15,7 +15,6 @@ from typing_extensions import override
 from pa10cal.arrays import Array
 from pa10cal.calibration.accuracy import noisy_campaign
 from pa10cal.calibration.two_level_fit import check_torques
-from pa10cal.discovery import jacobians
 from pa10cal.discovery.blocked_cv.survey import LEAST_FOR_BLOCKS
 from pa10cal.discovery.compliance import with_compliance
 from pa10cal.discovery.field import field_of, with_field
@@ -293,7 +292,7 @@ def not_sought(
     campaign = replace(campaign, baseline=calibrated.with_bends())
     baseline, setup = campaign.baseline, campaign.setup
     readings = complete(campaign.trusted, baseline, setup)
-    noise = noise_of_near_poses(readings, jacobians.residual(baseline, readings))
+    noise = noise_of_near_poses(readings, baseline.compared(readings).residual)
     measured, group = readings.measured, reading_groups(readings)
     cov = mean_covariance(noise.cov, measured.components_seen, group)
     poses, held_out = complete(average_repeats(readings), baseline, setup), campaign.held_out
@@ -324,7 +323,7 @@ def orientations_off(readings: Observations, baseline: FittedModel) -> CannotSea
     for kind, columns in readings.measured.component_kinds:
         if not kind.startswith("attitude"):
             continue
-        residual_rad = np.abs(jacobians.residual(baseline, readings)[:, columns])
+        residual_rad = np.abs(baseline.compared(readings).residual[:, columns])
         seen = readings.measured.components_seen[:, columns]
         typical_rad = float(np.median(residual_rad[seen]))
         variance = np.diagonal(readings.measured.stated_covariance, axis1=1, axis2=2)[:, columns]

@@ -259,7 +259,7 @@ def _effects(
     possible = {(e.id, e.of): e for e in everywhere_but(every_effect(), context, ())}
     lines: dict[str, Effect] = {}
     if any(each.id == GearLine.id and isinstance(each, EffectOfPlace) for each in wanted):
-        residual = jacobians.residual(campaign.baseline, poses)
+        residual = campaign.baseline.compared(poses).residual
         rows = jacobians.WhitenedPoses(campaign.baseline, poses, residual, whitener)
         lines = {line.of: line for line in gear_lines(rows, campaign.setup.options.error_rate)}
     found = []

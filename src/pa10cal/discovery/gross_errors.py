@@ -16,7 +16,7 @@ from scipy.ndimage import median_filter
 from scipy.special import chdtri
 
 from pa10cal.arrays import Array, Index, Mask
-from pa10cal.discovery.jacobians import ideal_by_joints, residual
+from pa10cal.discovery.jacobians import ideal_by_joints
 from pa10cal.discovery.noise import noise_of_repeats, repeat_groups, whitener_of
 from pa10cal.discovery.pose_scatter import pose_weights
 from pa10cal.discovery.rules import NOISE, ROWS
@@ -49,7 +49,7 @@ def gross_errors(readings: Observations, model: FittedModel) -> GrossErrors:
 
     Each is judged by the others of its group, or by the model where there are none.
     """
-    of_model, group = residual(model, readings), repeat_groups(readings)
+    of_model, group = model.compared(readings).residual, repeat_groups(readings)
     alone = np.bincount(group)[group] < 2
     found = _off_repeats(readings, model, of_model, group)
     if not alone.any():
@@ -191,7 +191,7 @@ def poses_off(readings: Observations, model: FittedModel) -> dict[str, tuple[flo
     if len(labels) == len(readings):
         return {}  # each was judged as a reading
     averages = average_groups(readings, pose)
-    of_model = group_means(residual(model, readings), pose)
+    of_model = group_means(model.compared(readings).residual, pose)
     white = _whitened(averages, model, of_model)
     far = np.zeros(len(labels), dtype=bool)
     for _, at in averages.measured.component_kinds:

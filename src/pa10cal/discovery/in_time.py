@@ -146,7 +146,7 @@ class _TimedRows:
         self._components = self._seen / len(seen)
         self._held = whitener @ np.concatenate(held, axis=2)
         self._widths = [columns.shape[2] for columns in held]
-        self._data = whitener @ -jacobians.residual(at, poses)[:, :, None]
+        self._data = whitener @ -at.compared(poses).residual[:, :, None]
         walk = Wander(self.times_s, (), walk_m=1.0)
         self._walk = motions_along(self._white, walk.courses(self.time_s))
         self._products: dict[tuple[float, ...], list[Gaussian]] = {}
@@ -358,7 +358,7 @@ def in_time_of(
     by_load = motions_along(jacobians.by_base(at, poses), load_N[:, None] == np.unique(load_N)[1:])
     held = [
         *jacobians.by_scaled_terms(at, poses, own),
-        jacobians.by_targets(at, poses) * MOTION.targets_m,
+        at.compared(poses).by_targets * MOTION.targets_m,
         MOTION.by_load_m * by_load,
     ]
     static, of_time = by_pose_and_time(at, poses, effects, logged=logged, weights=weights)
@@ -370,7 +370,7 @@ def in_time_of(
 
     found = beside(())
     if found.wander is not None and found.wander.walk_m:
-        of_targets = target_wander(at, poses, jacobians.residual(at, poses))
+        of_targets = target_wander(at, poses, at.compared(poses).residual)
         if of_targets is not None:
             return replace(NO_MOTION, has_drift=found.has_drift, of_targets=of_targets)
     if again:  # poses measured again show that no joint and no load explains the motion

@@ -1,8 +1,9 @@
-"""Residuals of a fitted model at measured poses, and their Jacobians.
+"""Jacobians of the residual of a fitted model at measured poses.
 
-A residual is predicted minus measured, (P, b) [m, rad]: P poses of b components as the instrument
-measures them, zero where a component was not seen. Jacobians (P, b, k) are exact derivatives by k
-parameters at the parameters of the model, whose terms may move the base away from its base frame.
+The residual is predicted minus measured, (P, b) [m, rad]: P poses of b components as the instrument
+measures them, zero where a component was not seen (`FittedModel.compared`). Jacobians (P, b, k) are
+exact derivatives by k parameters at the parameters of the model, whose terms may move the base away
+from its base frame.
 """
 
 from __future__ import annotations
@@ -22,21 +23,16 @@ from pa10cal.terms.offsets import Offsets, base_frame
 from pa10cal.terms.term import Term, TermParameter
 
 
-def residual(at: FittedModel, poses: Observations) -> Array:
-    """Return predicted minus measured components, (P, b) [m, rad]."""
-    return at.compared(poses).residual
-
-
 def residual_and_jacobian(at: FittedModel, poses: Observations) -> tuple[Array, Array]:
-    """Return `residual`, and its derivative (P, b, k + t) by all parameters and targets."""
-    left, jacobian = residual_and_lazy_jacobian(at, poses)
-    return left, jacobian()
+    """Return the residual (P, b) and its derivative by parameters and targets, (P, b, k + t)."""
+    residual, jacobian = residual_and_lazy_jacobian(at, poses)
+    return residual, jacobian()
 
 
 def residual_and_lazy_jacobian(
     at: FittedModel, poses: Observations
 ) -> tuple[Array, Callable[[], Array]]:
-    """Return `residual`, and a function that computes its derivative (P, b, k + t)."""
+    """Return the residual (P, b) and a function that computes its derivative (P, b, k + t)."""
     predicted = at.model.predict_with_jacobian(poses.states, at.x)
     compared = poses.measured.compare(
         at.T_instr_base @ predicted.T_base_ee, at.targets_read_m(poses.states)
@@ -66,7 +62,7 @@ def by_terms(
     points: Sequence[Array],
     whiteners: Array | None = None,
 ) -> list[Array]:
-    """Return the derivative of `residual` by the parameters of each term, (P, b, k').
+    """Return the derivative of the residual by the parameters of each term, (P, b, k').
 
     Args:
         terms: of the model or not.
@@ -126,17 +122,12 @@ def by_scaled_effects(
 
 
 def by_base(at: FittedModel, poses: Observations) -> Array:
-    """Return the derivative of `residual` by six small motions of the base, (P, b, 6)."""
+    """Return the derivative of the residual by six small motions of the base, (P, b, 6)."""
     return by_terms(at, poses, [base_frame()], [np.zeros(6)])[0]
 
 
-def by_targets(at: FittedModel, poses: Observations) -> Array:
-    """Return the derivative of `residual` by the coordinates of targets, (P, b, t)."""
-    return at.compared(poses).by_targets
-
-
 def by_joints(at: FittedModel, poses: Observations, joints: Sequence[int]) -> Array:
-    """Return the derivative of `residual` by the positions of joints, from 1: (P, b, j)."""
+    """Return the derivative of the residual by the positions of joints, from 1: (P, b, j)."""
     return by_terms(at, poses, [joint_positions(at, joints)], [np.zeros(len(joints))])[0]
 
 
@@ -202,4 +193,4 @@ class WhitenedPoses:
     @property
     def by_targets(self) -> Array:
         """Return the derivative of the whitened residual by targets, (P, b, t)."""
-        return np.asarray(self.whitener @ by_targets(self.at, self.poses))
+        return np.asarray(self.whitener @ self.at.compared(self.poses).by_targets)

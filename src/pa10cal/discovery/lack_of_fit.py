@@ -165,7 +165,7 @@ class CellResiduals:
         """Return the residuals of complete poses, whose components have a covariance (P, b, b)."""
         joints = range(1, poses.states.n + 1)
         return cls(
-            at, poses, -jacobians.residual(at, poses), cov, jacobians.by_joints(at, poses, joints)
+            at, poses, -at.compared(poses).residual, cov, jacobians.by_joints(at, poses, joints)
         )
 
 

@@ -25,7 +25,6 @@ from pa10cal.discovery.gross_errors import (
     position_mm,
     times_usual,
 )
-from pa10cal.discovery.jacobians import residual
 from pa10cal.discovery.log_faults import DiagnosedFault, fault_of_pose
 from pa10cal.discovery.rules import NOISE, ROWS
 from pa10cal.fit.fitted_model import FittedModel
@@ -68,7 +67,7 @@ def held_out_faults(held_out: Observations, model: FittedModel, fitted: Observat
     They still count in the gap.
     """
     far, white = far_from_prediction(held_out, model, fitted)
-    of_model = residual(model, held_out)
+    of_model = model.compared(held_out).residual
     far &= above_noise(held_out, of_model, white)
     off_mm = position_mm(held_out, of_model)
     gross = GrossErrors(far, far, times_usual(white, held_out), off_mm)
@@ -133,10 +132,10 @@ def _exchanged_labels(readings: Observations, model: FittedModel) -> dict[int, t
     orders: dict[int, tuple[int, ...]] = {}
     if not 2 <= count <= ROWS.most_targets:
         return orders
-    least = ROWS.exchanged_left_share * np.linalg.norm(residual(model, readings), axis=1)
+    least = ROWS.exchanged_left_share * np.linalg.norm(model.compared(readings).residual, axis=1)
     for order in permutations(range(count)):
         reordered = replace(readings, measured=readings.measured.in_order(order))
-        misfit = np.linalg.norm(residual(model, reordered), axis=1)
+        misfit = np.linalg.norm(model.compared(reordered).residual, axis=1)
         for k in np.flatnonzero(misfit < least).tolist():
             orders[k], least[k] = order, misfit[k]
     return orders
@@ -226,7 +225,8 @@ def _load_rows(
     def deviation(more_N: float) -> Array:
         loaded = replace(unknown, load_N=states.load_N + more_N)
         carried, _ = with_torques(model.model, model.x, loaded, payload)
-        return -residual(model, readings.with_states(replace(carried, load_N=states.load_N)))
+        other_load = readings.with_states(replace(carried, load_N=states.load_N))
+        return -model.compared(other_load).residual
 
     step_N = float(np.ptp(states.load_N))
     now = deviation(0.0)

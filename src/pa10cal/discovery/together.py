@@ -410,7 +410,7 @@ def _own_columns(
                 columns[:, :, : other.linear] @ other.prior_factor
                 for columns, other in zip(of_others, others, strict=True)
             ),
-            whiten @ (jacobians.by_targets(bare, poses) * targets),
+            whiten @ (bare.compared(poses).by_targets * targets),
         ],
         axis=2,
     )

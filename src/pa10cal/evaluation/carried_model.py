@@ -19,7 +19,6 @@ from pa10cal.arrays import Array
 from pa10cal.calibration.accuracy import summarise
 from pa10cal.calibration.general.refit_frames import refit_frames, with_tool_of
 from pa10cal.discovery.in_time import in_time_of
-from pa10cal.discovery.jacobians import residual
 from pa10cal.discovery.log_faults import steps_told
 from pa10cal.discovery.model_with_effects import with_base_motion
 from pa10cal.discovery.noise import same_circumstances
@@ -78,7 +77,7 @@ def base_steps_s(refitted: RefittedModel, setup: MeasurementSetup) -> tuple[floa
     poses = complete(readings.with_states(states), model, setup)
     x = np.concatenate([model.x, np.zeros(6)])
     with_base = replace(model, model=with_base_motion(model), x=x)
-    residuals = residual(with_base, poses)
+    residuals = with_base.compared(poses).residual
     fitted_count = float(COMPARED.of_frames)
     group = same_circumstances(poses)
     if np.bincount(group).max() > 1:  # repeats show the noise without any model

@@ -28,12 +28,7 @@ from pa10cal.evaluation.model_errors import held_out_errors, poses_for_model
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.validity import AngleCoverage
 from pa10cal.observe.arrivals import with_arrivals
-from pa10cal.observe.observations import (
-    Observations,
-    average_repeats,
-    poses_of,
-    reading_groups,
-)
+from pa10cal.observe.observations import Observations, average_repeats, poses_of, reading_groups
 from pa10cal.observe.paths import HeldOutPlaces
 from pa10cal.results import evaluation as results
 from pa10cal.results.record import CampaignIdentity

@@ -16,11 +16,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from pa10cal.errors import ModelError
-from pa10cal.evaluation.parameter_differences import (
-    Differences,
-    differences,
-    refuse_other_layout,
-)
+from pa10cal.evaluation.parameter_differences import Differences, differences, refuse_other_layout
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.moved import (
     BASE_MOVED,
@@ -35,13 +31,7 @@ from pa10cal.fit.moved import (
 )
 from pa10cal.fit.problem import gain_along, remaining_disagreement
 from pa10cal.numerics.gaussian import Gaussian
-from pa10cal.results.comparison import (
-    DriftRecord,
-    DriftRows,
-    DriftStep,
-    MovedThing,
-    WhatMoved,
-)
+from pa10cal.results.comparison import DriftRecord, DriftRows, DriftStep, MovedThing, WhatMoved
 from pa10cal.results.number_text import HALF_WIDTH_95
 from pa10cal.rules import COMPARED, MOVED
 from pa10cal.terms.term import Term

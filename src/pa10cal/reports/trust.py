@@ -9,15 +9,7 @@ from typing import Any
 import numpy as np
 
 from pa10cal.arrays import Array
-from pa10cal.reports.blocks import (
-    Callout,
-    Grid,
-    Items,
-    PageBlock,
-    Paragraph,
-    SideBySide,
-    grid,
-)
+from pa10cal.reports.blocks import Callout, Grid, Items, PageBlock, Paragraph, SideBySide, grid
 from pa10cal.reports.formatting import NOT_KNOWN, display_name, listed, mm, named, sentence
 from pa10cal.reports.missing import coupling_of, number_needed
 from pa10cal.reports.pictures import plane_drawings

@@ -16,15 +16,7 @@ from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, homogeneous
 from pa10cal.options import Tolerances
-from pa10cal.terms.term import (
-    Report,
-    Role,
-    Term,
-    TermParameter,
-    Traits,
-    identity,
-    report_as_solved,
-)
+from pa10cal.terms.term import Report, Role, Term, TermParameter, Traits, identity, report_as_solved
 
 #: Roles of chain coordinates by what their names begin with (`theta_2`, `base.rx`).
 _KIND = re.compile(r"[._]")

@@ -9,7 +9,6 @@ from made_up_survey import Hidden, at_joint, observe
 from pa10cal.discovery.blocked_cv.other_baselines import with_tilts_shown
 from pa10cal.discovery.blocked_cv.refit import PartialFits, determined_count, refit
 from pa10cal.discovery.given import calibrate_with_effects
-from pa10cal.discovery.jacobians import residual
 from pa10cal.discovery.model_with_effects import moved_base, with_unknowns
 from pa10cal.discovery.pose_scatter import unweighted
 from pa10cal.options import Tolerances
@@ -46,7 +45,7 @@ def test_it_comes_to_rest_at_the_truth(hidden, found):
     off = found.x[found.columns_of(FINE)] - 2e-4 * np.sin(4.0 * knots_rad)
     inside = np.abs(np.mod(knots_rad + np.pi, 2.0 * np.pi) - np.pi) < 2.0
     assert np.std(off[inside]) < 2e-5
-    left = residual(found.at, hidden.survey.poses)
+    left = found.at.compared(hidden.survey.poses).residual
     assert np.std(left[:, :3]) == pytest.approx(2e-5, rel=0.1)
 
 
@@ -55,7 +54,7 @@ def test_nothing_near_fits_better(hidden, found):
     whiten = found.weights.whiteners(np.arange(len(survey.poses)))
 
     def cost(x):
-        left = residual(with_unknowns(found.at, x), survey.poses)
+        left = with_unknowns(found.at, x).compared(survey.poses).residual
         return float(np.sum((whiten @ left[:, :, None]) ** 2))
 
     here = cost(found.x)
@@ -69,7 +68,7 @@ def test_a_model_with_some_effects_has_all_but_maps_fitted_again(hidden, found):
     poses, partial = hidden.survey.poses, PartialFits(hidden.survey, found)
 
     def rms_m(model):
-        return float(np.std(residual(model, poses)[:, :3]))
+        return float(np.std(model.compared(poses).residual[:, :3]))
 
     assert rms_m(partial.model_with((DISK, FINE))) == pytest.approx(rms_m(found.fitted()), rel=1e-3)
     taken_out = found.x.copy()
@@ -119,7 +118,7 @@ def test_tilts_that_a_missing_effect_hid_are_back_where_a_fit_with_it_shows_them
     assert {each.name for each in tilted.model.parameters} == before | tilts
     both = calibrate_with_effects(hidden.readings, hidden.baseline, hidden.setup, (DISK,))
     assert tilts < {each.name for each in both.model.model.parameters}
-    left = residual(both.model, both.poses)
+    left = both.model.compared(both.poses).residual
     assert np.std(left[:, :3]) == pytest.approx(2e-5, rel=0.1)
 
 

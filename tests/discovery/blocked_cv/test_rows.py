@@ -20,7 +20,7 @@ from pa10cal.discovery.blocked_cv.normal_equations import (
 )
 from pa10cal.discovery.blocked_cv.search import Search
 from pa10cal.discovery.blocked_cv.survey import Survey, consecutive_blocks
-from pa10cal.discovery.jacobians import by_joints, by_terms, residual
+from pa10cal.discovery.jacobians import by_joints, by_terms
 from pa10cal.discovery.model_with_effects import with_base_motion
 from pa10cal.discovery.pose_scatter import unweighted
 from pa10cal.discovery.preparation import Prepared
@@ -59,7 +59,7 @@ def test_left_follows_parameters_as_differences_show(few):
     for k in range(0, len(x), 5):
         step = np.zeros(len(x))
         step[k] = 1e-2 * scale[k]
-        ends = [residual(replace(at, x=x + sign * step), few.poses) for sign in (1, -1)]
+        ends = [replace(at, x=x + sign * step).compared(few.poses).residual for sign in (1, -1)]
         difference = (ends[0] - ends[1]) / (2.0 * step[k])
         np.testing.assert_allclose(exact[:, :, k], difference, atol=2e-6, rtol=2e-5)
 

@@ -12,7 +12,6 @@ from pa10cal.discovery.evidence.candidates import indistinguishable, linearise, 
 from pa10cal.discovery.evidence.fit import fit
 from pa10cal.discovery.evidence.noise_model import NO_SHARED_ERROR
 from pa10cal.discovery.evidence.problem import prepare
-from pa10cal.discovery.jacobians import residual
 from pa10cal.discovery.model_with_effects import with_base_motion, with_unknowns
 from pa10cal.discovery.rules import CANDIDATES
 from pa10cal.observe.kinds import instruments
@@ -108,7 +107,7 @@ class TestLinearise:
         there[first:last] = x
         rows = [
             null.problem.pose.rows(
-                residual(with_unknowns(with_it.at, at), null.problem.cells)[:, :, None]
+                with_unknowns(with_it.at, at).compared(null.problem.cells).residual[:, :, None]
             )[:, 0]
             for at in (there, absent)
         ]

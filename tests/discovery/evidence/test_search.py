@@ -10,7 +10,6 @@ from made_up_arm import ERROR_RATE, Missing, harmonic, measure
 from pa10cal.discovery.evidence.fit import fit
 from pa10cal.discovery.evidence.noise_model import NO_SHARED_ERROR
 from pa10cal.discovery.evidence.search import evidence_about, less, refit, search
-from pa10cal.discovery.jacobians import residual
 from pa10cal.discovery.proof import needed_nats
 from pa10cal.terms.effects.effect import JointEffect
 from pa10cal.terms.term import TermParameter
@@ -63,8 +62,8 @@ def test_two_effects_found_together_make_the_data_likelier_and_leave_less(two_wa
     assert names(found.fit.effects) == [("transmission_error", f"joint {j}") for j in (2, 3)]
     gain_nats = found.score.log_evidence - found.nothing.log_evidence
     assert gain_nats > needed_nats(len(found.family), ERROR_RATE)
-    residuals = residual(found.fit.at, found.problem.cells)[:, :3]
-    start = residual(two_waves.start.at, two_waves.problem.cells)[:, :3]
+    residuals = found.fit.at.compared(found.problem.cells).residual[:, :3]
+    start = two_waves.start.at.compared(two_waves.problem.cells).residual[:, :3]
     assert (residuals**2).sum() < 0.3**2 * (start**2).sum()
 
 

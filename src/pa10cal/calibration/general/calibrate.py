@@ -24,11 +24,7 @@ from pa10cal.calibration.general.problem import (
     general_problem,
     loaded_joints,
 )
-from pa10cal.calibration.general.springs import (
-    SpringFit,
-    springs_not_shown,
-    with_proven_springs,
-)
+from pa10cal.calibration.general.springs import SpringFit, springs_not_shown, with_proven_springs
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.calibration.rules import FIT, SPRINGS
 from pa10cal.errors import RecordError

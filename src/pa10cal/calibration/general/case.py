@@ -16,11 +16,7 @@ from pa10cal.calibration import accuracy, uncertainty
 from pa10cal.calibration.fit_summary import FitSummary, names_of
 from pa10cal.calibration.general.calibrate import GeneralCalibration, base_motion, calibrate_general
 from pa10cal.calibration.general.fit import GeneralSolution
-from pa10cal.calibration.general.other_campaign import (
-    calibrate_from,
-    prior_of,
-    refuse_own_readings,
-)
+from pa10cal.calibration.general.other_campaign import calibrate_from, prior_of, refuse_own_readings
 from pa10cal.calibration.general.per_campaign import contradictions, per_campaign_fits
 from pa10cal.calibration.grade_evidence import GradeEvidence
 from pa10cal.calibration.health import RIGID, health

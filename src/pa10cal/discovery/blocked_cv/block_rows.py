@@ -245,13 +245,13 @@ class BlockedRows:
         of_model, of_effects = derivatives[: len(model.terms)], derivatives[len(model.terms) :]
         sizes = possible_sizes(model, poses.measured)
         columns = [np.concatenate(of_model, axis=2) * sizes[: len(at.x)]]
-        columns.append(whiten @ (jacobians.by_targets(at, poses) * sizes[len(at.x) :]))
+        columns.append(whiten @ (at.compared(poses).by_targets * sizes[len(at.x) :]))
         columns += [whiten @ each.columns(at, poses) for each in self.survey.nuisances]
         for shaped, derivative in zip(self.shaped, of_effects, strict=True):
             columns.append(derivative[:, :, : shaped.effect.linear] @ shaped.effect.prior_factor)
         dense = np.concatenate(columns, axis=2)
         q_rad = poses.states.q_rad[:, [joint - 1 for joint in self.joints]]
-        data = -whiten @ jacobians.residual(at, poses)[:, :, None]
+        data = -whiten @ at.compared(poses).residual[:, :, None]
         return BlockDesign(data.ravel(), dense.reshape(-1, dense.shape[2]), by_angle, q_rad)
 
     def block_residual(self, block: int, x: Array) -> Array:
@@ -286,7 +286,7 @@ def weighted_rows(survey: Survey, shaped: tuple[ShapedEffect, ...], knots: int) 
     named = tuple(each for each in shaped if not (each.effect.generic or each.shape))
     rows = BlockedRows(survey, unweighted(measured), named, MAPS.weighing_knots)
     weights = pose_weights(
-        jacobians.residual(rows.operating_point, survey.poses),
+        rows.operating_point.compared(survey.poses).residual,
         float(len(rows.baseline_columns)),
         measured,
     )

@@ -31,11 +31,7 @@ from pa10cal.discovery.blocked_cv.survey import Survey
 from pa10cal.discovery.finding import Finding
 from pa10cal.discovery.gap import PairedErrors, errors_of, gap
 from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit
-from pa10cal.discovery.next_poses import (
-    poses_at_unseen_angles,
-    separating_poses,
-    unresolved_pairs,
-)
+from pa10cal.discovery.next_poses import poses_at_unseen_angles, separating_poses, unresolved_pairs
 from pa10cal.discovery.noise import Noise
 from pa10cal.discovery.nuisances import motion_unexplained, steps_in_time
 from pa10cal.discovery.pose_scatter import AS_FOUND, PoseDeviations, scatter_of, share_inside
@@ -91,7 +87,7 @@ class ByBlocks(Scorer):
     def nuisances(self) -> Array:
         survey, at = self.survey, self.extended.at
         columns = [each.columns(survey.baseline, survey.poses) for each in survey.nuisances]
-        shift = survey.net_residual(at) - jacobians.residual(at, survey.poses)
+        shift = survey.net_residual(at) - at.compared(survey.poses).residual
         return np.concatenate([*columns, shift[:, :, None]], axis=2)
 
     @cached_property
@@ -300,7 +296,7 @@ class _FitRows:
     def by_targets(self) -> Array:
         """Return the columns (R, t) of the coordinates of targets, in their possible sizes."""
         sizes = possible_sizes(self._at.model, self.poses.measured)[len(self._at.x) :]
-        return self._of(self._whiteners @ jacobians.by_targets(self._at, self.poses) * sizes)
+        return self._of(self._whiteners @ self._at.compared(self.poses).by_targets * sizes)
 
     def _of(self, columns: Array) -> Array:
         """Return columns (P, b, k) as rows (R, k)."""

@@ -165,7 +165,7 @@ class _Problem:
         terms: list[Term] = [*self._dense_terms, joints]
         points = [*map(at.values_of, self._dense_terms), np.zeros(len(self._maps))]
         *of_terms, by_angle = jacobians.by_terms(at, poses, terms, points, whiteners)
-        of_targets = whiteners @ jacobians.by_targets(at, poses)
+        of_targets = whiteners @ at.compared(poses).by_targets
         return np.concatenate([*of_terms, of_targets], axis=2), by_angle
 
     def equations(self, x: Array, weights: PoseWeights) -> Equations:

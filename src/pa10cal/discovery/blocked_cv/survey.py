@@ -11,7 +11,6 @@ import numpy as np
 
 from pa10cal.arrays import Array, Index
 from pa10cal.discovery.changed import Change
-from pa10cal.discovery.jacobians import residual
 from pa10cal.discovery.joint_steps import JointSteps
 from pa10cal.discovery.noise import Noise, noise_of_near_poses, with_torque_noise
 from pa10cal.discovery.nuisances import AttitudeLag, Nuisance, Wander, attitude_lag
@@ -127,8 +126,8 @@ class Survey:
         Of complete poses of the campaign; None for those of the survey.
         """
         if poses is None:
-            return residual(at, self.poses) + self._nuisance_shift
-        return residual(at, poses) + self._shift(poses)
+            return at.compared(self.poses).residual + self._nuisance_shift
+        return at.compared(poses).residual + self._shift(poses)
 
     @cached_property
     def _nuisance_shift(self) -> Array | float:

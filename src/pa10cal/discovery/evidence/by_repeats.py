@@ -31,7 +31,7 @@ from pa10cal.discovery.finding import Finding, Untestable
 from pa10cal.discovery.gap import PairedErrors, errors_of, gap
 from pa10cal.discovery.gross_errors import moved_between_repeats
 from pa10cal.discovery.in_time import in_time_of
-from pa10cal.discovery.jacobians import WhitenedPoses, ideal_by_joints, residual
+from pa10cal.discovery.jacobians import WhitenedPoses, ideal_by_joints
 from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit, pure_error_test
 from pa10cal.discovery.next_poses import separating_poses, unresolved_pairs
 from pa10cal.discovery.noise import same_circumstances, whitener_of
@@ -286,7 +286,7 @@ def _lines(found: EndOfSearch, error_rate: float) -> tuple[Effect, ...]:
     at, cells = found.fit.at, found.problem.cells
     tried = [each.of for each in found.family if each.id == GearLine.id]
     whiteners = whitener_of(found.problem.cell_cov)
-    rows = WhitenedPoses(at, cells, residual(at, cells), whiteners)
+    rows = WhitenedPoses(at, cells, at.compared(cells).residual, whiteners)
     return gear_lines(rows, error_rate, tried)
 
 
@@ -310,7 +310,8 @@ def _with_time(
     """
     baseline, setup, logged = campaign.baseline, campaign.setup, campaign.torques == "logged"
     poses = preparation.complete(readings, baseline, setup)
-    moved = moved_between_repeats(poses, residual(baseline, poses), same_circumstances(poses))
+    residual, group = baseline.compared(poses).residual, same_circumstances(poses)
+    moved = moved_between_repeats(poses, residual, group)
     problem = prepare(readings, baseline, setup, torques_logged=logged, moved_between_repeats=moved)
     start = fit(problem, (), (), NO_SHARED_ERROR)
     every, found = (*_sought(problem), *lines), NO_MOTION

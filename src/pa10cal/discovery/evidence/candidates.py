@@ -18,7 +18,7 @@ from pa10cal.discovery.evidence.fit import EvidenceFit, pose_rows, torque_rows
 from pa10cal.discovery.evidence.likelihood import CandidateRows, LinearisedCandidates
 from pa10cal.discovery.evidence.problem import EvidenceProblem
 from pa10cal.discovery.finding import Untestable
-from pa10cal.discovery.jacobians import by_target_distortion, by_targets, ideal_by_end
+from pa10cal.discovery.jacobians import by_target_distortion, ideal_by_end
 from pa10cal.discovery.preparation import computable, why_hidden
 from pa10cal.discovery.rules import EVIDENCE
 from pa10cal.discovery.tuning import COMPUTING
@@ -88,7 +88,7 @@ def _poses_by_shapes(
     states, at = problem.cells.states, found.at
     T_base_ee, in_base = at.model.by_terms(states, at.x, *zip(*shapes, strict=True))
     by_motion = ideal_by_end(at, problem.cells, T_base_ee)
-    of_targets = by_targets(at, problem.cells)
+    of_targets = at.compared(problem.cells).by_targets
     columns = []
     for (effect, start), motion in zip(shapes, in_base, strict=True):
         by_effect = by_motion @ motion[:, :, : effect.linear]

@@ -9,7 +9,7 @@ import numpy as np
 from pa10cal.arm.statics import Payload, StaticLoads
 from pa10cal.arrays import Array
 from pa10cal.discovery.evidence.noise_model import NoiseModel, average_into_cells, shared_error
-from pa10cal.discovery.jacobians import ideal_by_joints, residual
+from pa10cal.discovery.jacobians import ideal_by_joints
 from pa10cal.discovery.noise import Noise, noise_of_repeats, same_circumstances, whitener_of
 from pa10cal.discovery.nuisances import NO_MOTION, TimeFindings
 from pa10cal.discovery.preparation import MeasurementSetup, complete, context_of
@@ -74,7 +74,7 @@ def prepare(
     """
     about = baseline if about is None else about
     readings = complete(readings, baseline, setup, about)
-    deviation = -residual(about, readings)
+    deviation = -about.compared(readings).residual
     if in_time.wander is not None:
         deviation = deviation - in_time.wander.shift(baseline, readings)
     if moved_between_repeats is not None:
