@@ -262,7 +262,7 @@ class Verdict(Generic[S]):
 
     @property
     def covariance(self) -> Array:
-        """Return the covariance (k, k) of all its unknowns."""
+        """Return the covariance (k, k) of all unknowns of the extended model."""
         return self.scorer.covariance
 
     @property
