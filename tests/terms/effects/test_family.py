@@ -107,6 +107,10 @@ def test_holds_the_vocabulary_and_its_rivals():
     assert generic == sorted(generic)
 
 
+def test_every_effect_states_where_it_sits():
+    assert not [kind.id for kind in every_effect() if not getattr(kind, "sits", "")]
+
+
 def test_every_effect_sits_where_it_may_and_reports_what_readers_know(context):
     places = {name: places for name, (places, _) in VOCABULARY.items()} | UNNAMED
     found = candidates(context)

@@ -72,6 +72,7 @@ class LinkEffect(Compliance):
     # from the link's joint to its end, along the axes of that end
     span_m: tuple[float, float, float]
     moment_of_arm_Nm: float | None = field(default=None, metadata={OPTIONAL: True})
+    sits = "long link"
     #: Links that may have it.
     places: ClassVar[tuple[str, ...]] = LONG_LINKS
     # An aluminium tube of 60 mm and 3 mm wall, 0.4 m long, twists by 0.035 mrad per N m (L / G J):

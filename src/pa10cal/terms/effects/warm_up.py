@@ -109,6 +109,7 @@ class LinkWarmUp(WarmsUp):
     lengths: tuple[str, ...]  # chain coordinates of its lengths
     lengths_m: tuple[float, ...]  # their nominal values, in whose proportion they grow
     id = "link_warm_up"
+    sits = "long link"
     clauses = ("{at} grew while the arm warmed up",)
     limits = Limits(positive=True)
 
