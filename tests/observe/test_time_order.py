@@ -21,6 +21,7 @@ from pa10cal.observe.time_order import (
     like_a_scan,
     measured_again,
     slow_joints,
+    sorted_rows,
     step_thresholds,
     with_place_labels,
     with_time_validity,
@@ -311,6 +312,48 @@ def test_times_that_readings_share_give_no_order():
     found, from_order = with_arrivals(timeless)
     assert not from_order
     assert not found.states.arrival.any()
+
+
+def untimed(q):
+    """Return rows of three joints (P, 3) without times."""
+    rows = observed(q[:, 0], q[:, 1])
+    states = replace(rows.states, q_rad=q, tau_Nm=np.zeros_like(q), arrival=np.zeros_like(q))
+    return rows.with_states(replace(states, timed=np.zeros(len(q), dtype=bool)))
+
+
+def test_rows_that_a_joint_sorts_give_no_order():
+    q = np.random.default_rng(3).uniform(-1.0, 1.0, (70, 3))
+    drawn = untimed(q)
+    assert with_arrivals(drawn)[1]
+    q[:40] = q[:40][np.argsort(q[:40, 1])]  # a table of 40 rows, and others below it
+    table = untimed(q)
+    found, from_order = with_arrivals(table)
+    assert not from_order
+    assert not found.states.arrival.any()
+    assert str(sorted_rows(table.states)) == "rows 1 to 40 are sorted by joint 2, as a table is"
+    _, notes = with_time_validity(table, np.zeros(3, dtype=bool), recorded=False)
+    assert "rows 1 to 40 are sorted by joint 2" in notes[0]
+    thrice = untimed(np.repeat(q, 3, axis=0))  # of readings of a standing arm one counts
+    assert str(sorted_rows(thrice.states)) == "rows 1 to 120 are sorted by joint 2, as a table is"
+    # Where times say so the rows were measured in that order.
+    timed = table.with_states(replace(table.states, timed=None))
+    assert with_arrivals(timed)[1]
+    # Beside another campaign of a group these rows alone have no order.
+    pair = untimed(np.concatenate([q, np.random.default_rng(4).uniform(-1.0, 1.0, (70, 3))]))
+    pair = pair.with_states(replace(pair.states, campaign=np.repeat([0, 1], 70)))
+    found, from_order = with_arrivals(pair)
+    assert from_order
+    assert not found.states.arrival[:70].any()
+    assert found.states.arrival[71:].all()
+
+
+def test_a_sweep_of_one_joint_is_an_order_of_measurement():
+    q = np.zeros((40, 3))
+    q[:, 1] = np.linspace(-1.0, 1.0, 40)
+    assert sorted_rows(untimed(q).states) is None
+    q[:, 0], q[:, 2] = np.sin(q[:, 1]), np.cos(2.0 * q[:, 1])  # along a path
+    assert sorted_rows(untimed(q).states) is None
+    assert with_arrivals(untimed(q))[1]
 
 
 def many_arrivals(*, wrong):

@@ -9,10 +9,11 @@ import numpy as np
 
 from pa10cal.arm.chain import Chain, frames
 from pa10cal.arm.description import Arm
-from pa10cal.arrays import Array, Mask
+from pa10cal.arm.statics import PoseStates
+from pa10cal.arrays import Array, Index, Mask
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
-from pa10cal.observe.time_order import campaign_numbers
+from pa10cal.observe.time_order import campaign_numbers, sorted_rows
 from pa10cal.rules import ORDER
 
 #: Poses whose frames are computed at once: they take kilobytes each (computing).
@@ -30,8 +31,9 @@ def with_arrivals(every: Observations[M], arm: Arm | None = None) -> tuple[Obser
     move alone, 0 where the joint stayed; of readings repeated while the arm stood still, that of
     the move before them all. It is also set where logged directions equal those of the
     order, as in the table of a group. `move_share` is set wherever the order is known; the travel
-    of the end, where a nominal arm is given too. If many configurations share a time there is no
-    order, and no direction is known. Logged directions of `reversed_joints` change their sign.
+    of the end, where a nominal arm is given too. If many configurations share a time, or rows
+    without times are sorted as in a table, there is no order, and no direction is known. Logged
+    directions of `reversed_joints` change their sign.
     """
     states = every.states
     previous = _moves_by_order(every) if len(every) else None
@@ -87,8 +89,12 @@ def _moves_by_order(every: Observations) -> _MovesByOrder | None:
     if len(np.unique(states.time_s)) < ORDER.own_times_share * len(every):
         return None
     campaign = campaign_numbers(states)
+    of_table = _of_tables(states, campaign)
+    if of_table.all():
+        return None
     in_time = np.lexsort((states.time_s, campaign))
-    move = pd.DataFrame(states.q_rad[in_time]).groupby(campaign[in_time]).diff().to_numpy()
+    q_rad = np.where(of_table[:, None], np.nan, states.q_rad)[in_time]
+    move = pd.DataFrame(q_rad).groupby(campaign[in_time]).diff().to_numpy()
     direction = pd.DataFrame(np.sign(move)).mask(np.abs(move) < ORDER.stood_still)
     arrival, moved, share = np.zeros((3, *states.arrival.shape))
     arrival[in_time] = direction.groupby(campaign[in_time]).ffill().fillna(0.0).to_numpy()
@@ -98,6 +104,17 @@ def _moves_by_order(every: Observations) -> _MovesByOrder | None:
     moved[in_time] = last_move.groupby(campaign[in_time]).ffill().to_numpy()
     share[in_time] = move_shares(move)
     return _MovesByOrder(arrival, np.nan_to_num(moved), share)
+
+
+def _of_tables(states: PoseStates, campaign: Index) -> Mask:
+    """Return the poses of campaigns whose rows, without times, are sorted as in a table, (P,)."""
+    found = np.zeros(len(states), dtype=bool)
+    if states.timed is None:
+        return found
+    for number in np.unique(campaign[~states.timed]):
+        own = np.flatnonzero(campaign == number)
+        found[own] = sorted_rows(states.take(own)) is not None
+    return found
 
 
 def move_shares(move: Array) -> Array:

@@ -106,7 +106,48 @@ def with_time_validity(
     else:
         why = "time was not recorded, rows give an order alone"
     states = replace(every.states, timed=np.zeros(len(every), dtype=bool))
-    return every.with_states(states), (f"{why}: no step, drift or wander is sought",)
+    of_table = sorted_rows(states)
+    no_order = "" if of_table is None else f"; {of_table}: no directions of arrival are derived"
+    return every.with_states(states), (f"{why}: no step, drift or wander is sought{no_order}",)
+
+
+@dataclass(frozen=True)
+class SortedRows:
+    """Rows in a run that some joint sorts, as in a table: none is the order of measurement."""
+
+    joint: int  # number of the joint, from 1
+    first: int  # number of the first row of the longest run, from 1
+    last: int
+
+    def __str__(self) -> str:
+        return f"rows {self.first} to {self.last} are sorted by joint {self.joint}, as a table is"
+
+
+def sorted_rows(states: PoseStates) -> SortedRows | None:
+    """Return the longest run of rows, in order of time, that a joint sorts; None if none is long.
+
+    In a run that counts, a joint rises or falls in every row while most others jump to and fro: an
+    arm that is swept along one joint, or along a path, moves its others little or not at all.
+    """
+    order = np.argsort(states.time_s, kind="stable")
+    q_rad = states.q_rad[order]
+    moves = np.ptp(np.stack([q_rad[1:], q_rad[:-1]]), axis=0) > ORDER.stood_still
+    at = np.concatenate([[0], 1 + np.flatnonzero(moves.any(axis=1))])  # once of those that repeat
+    if len(at) < ORDER.sorted_rows:
+        return None
+    q_rad = q_rad[at]
+    best: SortedRows | None = None
+    for joint in range(states.n):
+        side = np.sign(np.diff(q_rad[:, joint]))
+        for own in np.split(np.arange(len(side)), np.flatnonzero(np.diff(side)) + 1):
+            rows = np.arange(own[0], own[-1] + 2)
+            if not side[own[0]] or len(rows) < ORDER.sorted_rows:
+                continue
+            if _mostly_jump(np.delete(q_rad[rows], joint, axis=1)):
+                last = int(at[rows[-1] + 1]) if rows[-1] + 1 < len(at) else len(order)
+                found = SortedRows(joint + 1, int(at[rows[0]]) + 1, last)
+                best = max(best or found, found, key=lambda each: each.last - each.first)
+    return best
 
 
 def with_place_labels(every: Observations) -> Observations:
@@ -172,6 +213,14 @@ def slow_joints(states: PoseStates) -> Mask:
     small = np.median(steps, axis=0) < ORDER.small_moves * spread
     # A rail that goes to and fro at random stands still in half of the moves.
     return np.asarray(small & (np.mean(steps, axis=0) < spread))
+
+
+def _mostly_jump(q_rad: Array) -> bool:
+    """Return whether most joints jump from row to row of positions (P, n), as far as they move."""
+    steps = np.median(np.abs(np.diff(q_rad, axis=0)), axis=0)
+    spread = np.mean(np.abs(q_rad - np.mean(q_rad, axis=0)), axis=0)
+    jumps = (steps > ORDER.stood_still) & (steps >= ORDER.small_moves * spread)
+    return 2 * int(jumps.sum()) > len(jumps)
 
 
 def like_a_scan(poses: Observations) -> bool:
