@@ -14,6 +14,7 @@ from pa10cal.discovery.evidence.by_repeats import ByRepeats
 from pa10cal.discovery.preparation import setup_of
 from pa10cal.discovery.verdict_records import (
     analysis_record,
+    extended_parameters,
     verdict_keys,
     verdict_record,
     warnings_of,
@@ -120,6 +121,12 @@ def test_where_all_axes_are_parallel_the_height_of_a_target_stays_as_stated(camp
     assert names(verdict) == [(BACKLASH["id"], BACKLASH["of"])]
     stated_m, held_m = (each.targets_m[-1] for each in (verdict.baseline, verdict.model))
     assert held_m == stated_m
+    told = extended_parameters(verdict)
+    *fitted, last = (each.name for each in found.observations.measured.target_parameters)
+    assert last not in told
+    for name, place_m in zip(fitted, verdict.model.targets_m[:-1], strict=True):
+        assert told[name].value == place_m
+        assert 0.0 < told[name].std < 1e-3
     q_rad = found.observations.states.q_rad
     u_mm = verdict.model.predict(q_rad).u_mm
     assert float(np.median(u_mm)) < 5.0 * verdict.train.after.rms_mm  # 17 mm, with that height

@@ -1,5 +1,7 @@
 """Effects that are given and that no search tries: axes that tilt under load, lines of gears."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -118,3 +120,55 @@ def test_a_joint_whose_gear_shows_no_line_is_refused(geared):
     with pytest.raises(CalibrationError, match="no number of cycles") as refused:
         pa10cal.calibrate(geared, of_gear("joint 2"))
     assert "joint 3" in refused.value.allowed
+
+
+@pytest.fixture(scope="module")
+def eccentric(tmp_path_factory):
+    """Return campaigns with three targets, each of an arm with an eccentric encoder."""
+
+    def once(robot: str, joint: str) -> pa10cal.Campaign:
+        hidden = HiddenEffectOptions(
+            id="encoder_eccentricity", of=joint, parameters={"A": 1e-3, "phi": 0.5}
+        )
+        options = SimulateOptions(
+            robot=robot,
+            random_seed=6,
+            hidden_effects=(hidden,),
+            without_touches=TrackerOptions(instrument="points", poses=150),
+        )
+        folder = tmp_path_factory.mktemp(robot) / "raw"
+        return pa10cal.read_campaign(write_simulated(folder, options))
+
+    return {"ur10": once("ur10", "joint 3"), "gx4_351s": once("gx4_351s", "joint 2")}
+
+
+def with_effect(campaign, kind, of, **options):
+    case = LoadCase(campaign.description, campaign.arm, campaign.observations)
+    case = replace(case, options=CalibrationOptions(**options))
+    effects = (EffectOfPlace(id=kind, of=of),)
+    return record_with_effects(effects, calibrated_record(case), case, DiscoveryOptions())
+
+
+@pytest.mark.parametrize(("robot", "of"), [("ur10", "joint 3"), ("gx4_351s", "joint 2")])
+def test_a_right_effect_converges_and_places_of_targets_are_told(eccentric, robot, of):
+    record = with_effect(eccentric[robot], "encoder_eccentricity", of)
+    assert record.health.grade == "good", record.health.line
+    assert record.iterations == record.health.iterations > 0
+    omitted = {each.name for each in record.redundant}
+    assert not omitted & record.parameters.keys()
+    told = {name for name in record.parameters if name.startswith("target_")}
+    assert len(told | {name for name in omitted if name.startswith("target_")}) == 9
+    assert all(0.0 < record.parameters[name].std < 1e-4 for name in told)
+
+
+def test_an_effect_that_is_not_there_explains_no_more_than_the_stated_noise(eccentric):
+    health = with_effect(eccentric["ur10"], "gear_ratio_error", "joint 4").health
+    assert health.noise_mm == pytest.approx(0.05 * np.sqrt(3.0), rel=0.01)
+    assert health.grade == "incomplete", health.line
+    assert "times the stated noise" in health.line
+
+
+def test_a_fit_ends_after_so_many_steps_as_are_allowed(eccentric):
+    record = with_effect(eccentric["ur10"], "encoder_eccentricity", "joint 3", max_iterations=2)
+    assert record.health.grade == "not_converged"
+    assert "2 steps were not enough; raise calibration.max_iterations" in record.health.line

@@ -303,7 +303,7 @@ def not_sought(
     return Verdict(
         prepared=campaign,
         scorer=NotSought(
-            extended=ModelWithEffects(effects=(), at=at, converged=True),
+            extended=ModelWithEffects(effects=(), at=at, converged=True, iterations=0),
             covariance=np.full((len(x), len(x)), np.nan) if covariance is None else covariance,
             calibrated=calibrated,
             cov=cov,

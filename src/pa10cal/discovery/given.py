@@ -14,12 +14,13 @@ import numpy as np
 
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array, Mask
-from pa10cal.calibration import accuracy, uncertainty
+from pa10cal.calibration import accuracy
 from pa10cal.calibration.fit_summary import FitSummary, names_of
 from pa10cal.calibration.grade_evidence import GradeEvidence
 from pa10cal.calibration.health import health
 from pa10cal.calibration.load_case import LoadCase, base_parameters
 from pa10cal.calibration.options import CalibrationOptions, EffectOfPlace
+from pa10cal.calibration.uncertainty import calibrated_parameters, scatter_of_repeats
 from pa10cal.discovery import jacobians
 from pa10cal.discovery.blocked_cv.block_rows import weighted_rows
 from pa10cal.discovery.blocked_cv.family import computable_shapes
@@ -31,7 +32,7 @@ from pa10cal.discovery.evidence.by_repeats import fit_given
 from pa10cal.discovery.evidence.fit import covariance_of, targets_off_m
 from pa10cal.discovery.evidence.problem import prepare
 from pa10cal.discovery.finding import effect_parameters, is_named, label_of
-from pa10cal.discovery.model_with_effects import ModelWithEffects
+from pa10cal.discovery.model_with_effects import ModelWithEffects, held_unknowns
 from pa10cal.discovery.noise import whitener_of
 from pa10cal.discovery.preparation import MeasurementSetup, Prepared, complete, prepared, setup_of
 from pa10cal.discovery.refitted_verdict import holds_zero
@@ -67,7 +68,7 @@ from pa10cal.terms.effects.effect import (
     is_effect,
 )
 from pa10cal.terms.effects.joint import GearLine
-from pa10cal.terms.term import Role
+from pa10cal.terms.term import Report, Role
 from pa10cal.terms.wording import parameters_text
 
 R = TypeVar("R", bound=CalibrationRecord)
@@ -77,7 +78,7 @@ _BASE = ("base_x", "base_y", "base_z", "base_rx", "base_ry", "base_rz")
 
 
 class Grading(NamedTuple):
-    """What a grade rests on besides the fit."""
+    """What a grade rests on besides the fit, and how many steps the fit may take."""
 
     # poses, with their load [N], that the calibration without effects suspects; like readings with
     # a gross error they do not count in the remaining error
@@ -85,6 +86,7 @@ class Grading(NamedTuple):
     findings: tuple[InputFinding, ...] = ()  # of the checks of the input
     # standard uncertainty that predicted positions are to have; None for any
     wanted_mm: float | None = None
+    most_steps: int = CalibrationOptions().max_iterations
 
 
 THE_FIT_ALONE = Grading()
@@ -146,6 +148,7 @@ def record_with_effects(
         suspected=frozenset((each.pose, each.load_N) for each in outliers),
         findings=case.findings,
         wanted_mm=options.wanted_uncertainty_mm,
+        most_steps=options.max_iterations,
     )
     used = every.take(np.flatnonzero(of_case))
     found = calibrate_with_effects(used, model, setup, effects, grading)
@@ -171,7 +174,7 @@ def calibrate_with_effects(
         model: the calibrated model.
         setup: what is known of the campaign besides the poses.
         effects: what to add: effects of a model, or their names and places.
-        grading: what the grade rests on besides the fit.
+        grading: what the grade rests on besides the fit, and how many steps that may take.
 
     Raises:
         CalibrationError: when there is no such effect at that place of the arm, or an effect needs
@@ -181,7 +184,8 @@ def calibrate_with_effects(
     effects = tuple(dict.fromkeys(effects))  # an effect that is listed twice is there once
     campaign = prepared(every, model.with_bends(_bent_links(effects, model.arm)), setup)
     by_blocks = judged_by_blocks(campaign.trusted)
-    fit = _fit_by_blocks(campaign, effects) if by_blocks else _fit_by_repeats(campaign, effects)
+    fit_by = _fit_by_blocks if by_blocks else _fit_by_repeats
+    fit = fit_by(campaign, effects, grading.most_steps)
     zero = dict(_may_be_zero(fit))
     if not zero:
         return _graded(campaign, fit, grading)
@@ -206,35 +210,56 @@ class _Fit(NamedTuple):
 
     extended: ModelWithEffects
     poses: Observations  # those fitted, P of them
+    held: Mask  # (k,) unknowns that the fit holds, or that no reading shows
     covariance: Array  # (k, k) of all unknowns
     whitener: Array  # (P, b, b) of their components
+    noise_cov: Array  # (P, b, b) of what the readings' noise does to them, and not the model
+    noise_is_found: bool  # whether that is estimated from repeats, and not stated
     targets_off_m: Array  # (a,) deviations of stated coordinates of targets
 
 
-def _fit_by_blocks(campaign: Prepared, wanted: Sequence[EffectOfPlace | Effect]) -> _Fit:
+def _fit_by_blocks(
+    campaign: Prepared, wanted: Sequence[EffectOfPlace | Effect], most_steps: int
+) -> _Fit:
     """Fit effects to a campaign whose poses are read once."""
     survey = Survey.of(campaign)
     rows = weighted_rows(survey, computable_shapes(survey)[0], MAPS.spacings[-1][0])
     effects = _effects(wanted, survey.context, campaign, survey.poses, rows.weights.whiteners())
     starts = tuple(effect.starts[0] for effect in effects)
-    found = refit(survey, effects, starts, rows.weights)
+    found = refit(survey, effects, starts, rows.weights, most_steps=most_steps)
     if tilted := with_tilts_shown(survey, found):
-        found = refit(replace(survey, baseline=tilted), effects, starts, rows.weights)
-    return _Fit(found, survey.poses, found.covariance, found.weights.whiteners(), np.zeros(0))
+        survey = replace(survey, baseline=tilted)
+        found = refit(survey, effects, starts, rows.weights, most_steps=most_steps)
+    return _Fit(
+        extended=found,
+        poses=survey.poses,
+        held=held_unknowns(survey.baseline, found.model, survey.poses.measured),
+        covariance=found.covariance,
+        whitener=found.weights.whiteners(),
+        # The weights follow the residuals: they have what the model lacks, too.
+        noise_cov=survey.poses.measured.stated_covariance,
+        noise_is_found=False,
+        targets_off_m=np.zeros(0),
+    )
 
 
-def _fit_by_repeats(campaign: Prepared, wanted: Sequence[EffectOfPlace | Effect]) -> _Fit:
+def _fit_by_repeats(
+    campaign: Prepared, wanted: Sequence[EffectOfPlace | Effect], most_steps: int
+) -> _Fit:
     """Fit effects to a campaign whose poses are repeated."""
     baseline, setup, logged = campaign.baseline, campaign.setup, campaign.torques == "logged"
     problem = prepare(campaign.trusted, baseline, setup, torques_logged=logged)
     whitener = whitener_of(problem.cell_cov)
     effects = _effects(wanted, problem.context, campaign, problem.cells, whitener)
-    problem, fit = fit_given(problem, effects)
+    problem, fit = fit_given(problem, effects, most_steps)
     return _Fit(
         extended=fit,
         poses=problem.cells,
+        held=held_unknowns(baseline, fit.model, problem.cells.measured),
         covariance=covariance_of(problem, fit),
         whitener=whitener_of(problem.cell_cov),
+        noise_cov=problem.cell_cov,
+        noise_is_found=True,
         targets_off_m=targets_off_m(problem, fit),
     )
 
@@ -319,14 +344,14 @@ def _graded(campaign: Prepared, fit: _Fit, grading: Grading) -> EffectCalibratio
     discrepancy = discrepancy_of(model, poses.take(np.flatnonzero(~flagged)))
     model = replace(model, discrepancy=discrepancy)
     deviations, summary, measured = model.deviations(poses), _summary(fit), fit.poses.measured
-    noise = np.asarray(np.linalg.inv(np.swapaxes(fit.whitener, 1, 2) @ fit.whitener), np.float64)
     evidence = GradeEvidence(
         ended=summary,
         train_rms_mm=accuracy.summarise(deviations, ~flagged).rms_mm,
         held_out=_held_out_errors(campaign, model, poses),
         suspected_outliers=int(flagged.sum()),
-        noise_mm=accuracy.position_noise_mm(measured, noise),
-        noise_is_found=True,
+        noise_mm=accuracy.position_noise_mm(measured, fit.noise_cov),
+        noise_is_found=fit.noise_is_found,
+        repeats=() if fit.noise_is_found else scatter_of_repeats(campaign.trusted, model),
         discrepancy_mm=lacking_mm(discrepancy, poses.states.q_rad),
         joints_mm=by_uncertain_joints_mm(model.model, model.x, poses),
         spread_mm=measured.spread_mm,
@@ -353,7 +378,7 @@ def _held_out_errors(
 
 
 def _summary(fit: _Fit) -> FitSummary:
-    """Return how a fit ended, without uncertain weights of the arm.
+    """Return how a fit ended, without what it holds and without uncertain weights of the arm.
 
     Those are known to their uncertainty: the poses need not determine them.
     """
@@ -363,16 +388,18 @@ def _summary(fit: _Fit) -> FitSummary:
     roles = (*model.roles, *(of_target for _ in measured.target_parameters))
     kept = np.ones(len(every), dtype=bool)
     kept[: len(model.parameters)] = ~model.having("weight")
+    kept &= ~fit.held[: len(kept)]
     parameters = tuple(each for each, stays in zip(every, kept, strict=True) if stays)
     jacobian = jacobians.residual_and_jacobian(fit.extended.at, fit.poses)[1][:, :, kept]
     white = fit.whitener @ jacobian
     scale = np.array([parameter.scale for parameter in parameters])
     rank = identify(white.reshape(-1, white.shape[2]), scale)
     converged, x = fit.extended.converged, fit.extended.x[: len(kept)][kept]
-    why = "the last step was small" if converged else "steps were not enough"
+    count = fit.extended.iterations
+    why = "the last step was small" if converged else f"{count} steps were not enough"
     at_bound = np.zeros(len(parameters), dtype=bool)
     return FitSummary(
-        Solution(x, at_bound, 0.0, 0, converged, why),
+        Solution(x, at_bound, 0.0, count, converged, why),
         pose=fit.poses.pose,
         parameters=parameters,
         roles=tuple(role for role, stays in zip(roles, kept, strict=True) if stays),
@@ -399,6 +426,7 @@ def _with_last_fit(record: R, found: EffectCalibration, campaign: CampaignIdenti
         update={
             "status": "converged" if fit.solution.converged else "not converged",
             "reason": fit.solution.reason,
+            "iterations": fit.solution.iterations,
             "parameters": _parameters(found),
             "covariance": Covariance(names=names, matrix=model.covariance),
             "T_instr_base": model.T_instr_base,
@@ -450,10 +478,18 @@ def _parameters(found: EffectCalibration) -> dict[str, CalibratedParameter]:
         report = term.report(model.x[columns])
         is_open = np.array([each.name in not_identifiable for each in term.parameters], dtype=bool)
         held = names_of(report.parameters, (report.jacobian[:, is_open] != 0.0).any(axis=1))
-        of_term = uncertainty.calibrated_parameters(
+        of_term = calibrated_parameters(
             report, model.covariance[columns, columns], held, u_scale=model.model.u_scale
         )
         place = f"{term.id}_{term.of.removeprefix('joint ')}_" if is_effect(term) else ""
         parameters |= {f"{place}{name}": each for name, each in of_term.items()}
     R = model.T_instr_base[:3, :3]
-    return parameters | base_parameters(model.T_instr_base, model.covariance[-6:, -6:], R)
+    base = base_parameters(model.T_instr_base, model.covariance[-6:, -6:], R)
+    return parameters | base | _places(found.fit)
+
+
+def _places(fit: FitSummary) -> dict[str, CalibratedParameter]:
+    """Return the coordinates of targets that were fitted."""
+    at = np.flatnonzero([role == "target" for role in fit.roles])
+    report = Report(tuple(fit.parameters[k] for k in at), fit.solution.x[at], np.eye(len(at)))
+    return calibrated_parameters(report, fit.covariance[np.ix_(at, at)], fit.not_identifiable)

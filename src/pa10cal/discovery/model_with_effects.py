@@ -32,6 +32,7 @@ class ModelWithEffects:
     # terms: those of the calibrated model, the effects, and last the small motions of the base
     at: FittedModel
     converged: bool  # whether the solver stopped by itself
+    iterations: int  # steps that it took
 
     @property
     def model(self) -> Model:
@@ -111,6 +112,14 @@ def bounds_of_unknowns(baseline: FittedModel, model: Model, measured: Instrument
     at = len(model.parameters) + np.flatnonzero(held)
     bounds.lower[at] = bounds.upper[at] = baseline.targets_m[held]
     return bounds
+
+
+def held_unknowns(baseline: FittedModel, model: Model, measured: Instrument) -> Mask:
+    """Return which of a model's unknowns (k + t,) fits hold, or no reading shows."""
+    held = bounds_of_unknowns(baseline, model, measured).fixed
+    base = model.columns_of(model.terms[-1])
+    held[base] |= ~identifiable_base_motions(measured)
+    return held
 
 
 def identifiable_base_motions(measured: Instrument) -> Mask:

@@ -162,6 +162,7 @@ def without_repeats(
         effects=found.effects,
         at=found.at,
         converged=found.converged,
+        iterations=found.iterations,
         sizes=(EVIDENCE.sizes.index(1.0),) * len(found.effects),
         variances=SharedVariances(max(scatter - 1.0, 0.0), 0.0),
     )

@@ -31,6 +31,7 @@ from pa10cal.results.maps import FallsBack
 from pa10cal.results.number_text import shown_probability
 from pa10cal.results.record import CampaignIdentity
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
+from pa10cal.terms.term import Report
 from pa10cal.terms.wording import fault_text
 
 
@@ -160,6 +161,25 @@ def extended_parameters(found: Verdict) -> dict[str, Parameter]:
     return {
         name: Parameter(**keys, identifiable=bool(identifiable))
         for (name, keys), identifiable in zip((of_own | of_frame).items(), told, strict=True)
+    } | _places(found)
+
+
+def _places(found: Verdict) -> dict[str, Parameter]:
+    """Return the coordinates of targets that were fitted; none where no search fitted any."""
+    baseline, covariance = found.scorer.searched_from, found.covariance
+    measured, k = found.prepared.readings.measured, len(found.extended.at.x)
+    if len(covariance) == k:
+        return {}
+    std = np.sqrt(np.diag(covariance))[k:]  # zero of those that the fit holds
+    fitted = np.flatnonzero(std)
+    possible = possible_sizes(baseline.model, measured)[len(baseline.x) :]
+    known = (std < JUDGING.identified_share * possible)[fitted]
+    coordinates = tuple(measured.target_parameters[j] for j in fitted)
+    report = Report(coordinates, found.model.targets_m[fitted], np.eye(len(fitted)))
+    of_places = reported_keys(report, covariance[np.ix_(k + fitted, k + fitted)])
+    return {
+        name: Parameter(**keys, identifiable=bool(identifiable))
+        for (name, keys), identifiable in zip(of_places.items(), known, strict=True)
     }
 
 

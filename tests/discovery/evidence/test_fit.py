@@ -46,7 +46,7 @@ def fit_at(measured, effects, amounts):
     model = with_base_motion(measured.baseline, effects)
     x = np.concatenate([own[:-6], *amounts, own[-6:]])
     at, sizes = replace(start.at, model=model, x=x), (1,) * len(effects)
-    return EvidenceFit(effects, at, True, sizes, NO_SHARED_ERROR)
+    return EvidenceFit(effects, at, True, 1, sizes, NO_SHARED_ERROR)
 
 
 @pytest.mark.slow_but_one_in(2)

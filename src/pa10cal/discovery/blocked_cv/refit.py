@@ -57,6 +57,7 @@ def refit(
     weights: PoseWeights,
     widening: Widening = AS_FOUND,
     start_from: FittedModel | None = None,
+    most_steps: int = COMPUTING.refit_steps,
 ) -> Refit:
     """Fit the survey's baseline with effects to all its poses.
 
@@ -68,6 +69,7 @@ def refit(
         widening: scatter of the components in units of that by the median of their residuals.
         start_from: an earlier fit, with fewer effects, at which all else starts; None for the
             baseline.
+        most_steps: largest number of steps.
     """
     problem, baseline = _Problem(survey, effects), survey.baseline
     before, base = baseline, np.zeros(6)
@@ -80,7 +82,7 @@ def refit(
         weighting.equations,
         lambda x, step: bounds.clip(x + step),
         weighting.arrived,
-        most_steps=COMPUTING.refit_steps,
+        most_steps=most_steps,
         held=bounds.held,
         cost=weighting.cost,
         reweighted=weighting.renewed,
@@ -90,6 +92,7 @@ def refit(
         effects=effects,
         at=problem.model_at(found.at),
         converged=found.converged,
+        iterations=found.iterations,
         covariance=problem.covariance(found.at, found.equations),
         weights=weighting.weights,
     )

@@ -417,12 +417,13 @@ def _net_residual(model: NoiseModel, rows: Array, shared_variance: float) -> Arr
 
 
 def fit_given(
-    problem: EvidenceProblem, effects: tuple[Effect, ...]
+    problem: EvidenceProblem, effects: tuple[Effect, ...], most_steps: int
 ) -> tuple[EvidenceProblem, EvidenceFit]:
     """Fit the baseline with effects that are given, whether or not the data support them.
 
     The sizes expected and the variances of shared errors are those of the greatest evidence. Noise
-    and weights are computed about the fit, until nothing changes.
+    and weights are computed about the fit, until nothing changes. Each fit has so many steps at
+    most.
 
     Returns:
         The campaign prepared about the fit, and the fit.
@@ -435,7 +436,7 @@ def fit_given(
         chosen = resized(evidence, tuple(enumerate(sizes)))
         score, sizes = evidence.score(chosen), tuple(size for _, size in chosen)
         choice = (sizes, score.grid_index)
-        problem, current = refit(problem, effects, sizes, score.variances, current)
+        problem, current = refit(problem, effects, sizes, score.variances, current, most_steps)
         if choice == last:
             break
         last = choice

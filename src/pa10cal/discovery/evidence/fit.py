@@ -14,7 +14,7 @@ from pa10cal.discovery.model_with_effects import (
     ModelWithEffects,
     all_unknowns,
     bounds_of_unknowns,
-    identifiable_base_motions,
+    held_unknowns,
     with_base_motion,
     with_unknowns,
 )
@@ -46,6 +46,7 @@ def fit(
     sizes: tuple[int, ...],
     variances: SharedVariances,
     start: EvidenceFit | None = None,
+    most_steps: int = COMPUTING.fit_steps,
 ) -> EvidenceFit:
     """Fit the model with some effects, from every shape of those that have several.
 
@@ -55,6 +56,7 @@ def fit(
         sizes: index in `EVIDENCE.sizes` of the size expected of each effect.
         variances: those of the shared errors.
         start: the fit at which this one starts; None for the baseline.
+        most_steps: largest number of steps.
 
     Returns:
         The fit with the least cost.
@@ -86,7 +88,7 @@ def fit(
             lambda _, taken: (
                 taken.gained <= COMPUTING.fit_precision * (1.0 + taken.before.cost - taken.gained)
             ),
-            most_steps=COMPUTING.fit_steps,
+            most_steps=most_steps,
             held=bounds.held,
             beyond=bounds.beyond,
             cost=rows.cost,
@@ -94,7 +96,12 @@ def fit(
         )
         if best is None or found.equations.cost < best[0]:
             fitted = EvidenceFit(
-                effects, with_unknowns(at, found.at), found.converged, sizes, variances
+                effects=effects,
+                at=with_unknowns(at, found.at),
+                converged=found.converged,
+                iterations=found.iterations,
+                sizes=sizes,
+                variances=variances,
             )
             best = found.equations.cost, fitted
     assert best is not None
@@ -108,9 +115,7 @@ def covariance_of(problem: EvidenceProblem, found: EvidenceFit) -> Array:
     """
     rows = _FitRows(problem, found.effects, found.sizes, found.variances, found.at)
     measured = problem.cells.measured
-    free = ~bounds_of_unknowns(problem.baseline, found.at.model, measured).fixed
-    base = found.at.model.columns_of(found.at.model.terms[-1])
-    free[base] = identifiable_base_motions(measured)
+    free = ~held_unknowns(problem.baseline, found.at.model, measured)
     of_free = np.ix_(free, free)
     information = rows.equations(found.x).normal[of_free]
     size = 1.0 / np.sqrt(np.diag(information))

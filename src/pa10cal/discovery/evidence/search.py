@@ -16,6 +16,7 @@ from pa10cal.discovery.evidence.problem import EvidenceProblem, prepare
 from pa10cal.discovery.preparation import effects_in
 from pa10cal.discovery.proof import needed_nats
 from pa10cal.discovery.rules import EVIDENCE
+from pa10cal.discovery.tuning import COMPUTING
 from pa10cal.terms.effects.effect import Effect
 
 
@@ -93,13 +94,14 @@ def refit(
     sizes: tuple[int, ...],
     variances: SharedVariances,
     start: EvidenceFit,
+    most_steps: int = COMPUTING.fit_steps,
 ) -> tuple[EvidenceProblem, EvidenceFit]:
     """Fit a set of effects, compute noise and weights about the fit, and fit again.
 
     If the baseline lacks a large effect, its postures and the moments of the weights are a little
     wrong, and the noise of a torque does not act through a joint that is taken as rigid.
     """
-    first = fit(problem, effects, sizes, variances, start)
+    first = fit(problem, effects, sizes, variances, start, most_steps)
     problem = prepare(
         problem.readings,
         problem.baseline,
@@ -108,7 +110,7 @@ def refit(
         torques_logged=problem.torques_logged,
         in_time=problem.in_time,
     )
-    return problem, fit(problem, effects, sizes, variances, first)
+    return problem, fit(problem, effects, sizes, variances, first, most_steps)
 
 
 def _improve(
