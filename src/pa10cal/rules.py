@@ -464,6 +464,20 @@ class Compared:
     least_repeats: int = 5
 
 
+@dataclass(frozen=True)
+class Stands:
+    """Readings that were repeated while the arm stood still."""
+
+    # pairs of successive ones below which their scatter says too little (statistics)
+    least_pairs: int = 20
+    # stated uncertainty over their scatter above which it holds what the instrument errs by in all
+    # of them; the same ratio of other repeats is a mistake (measured)
+    stated_ratio: float = 3.0
+    # stated uncertainties by which one is off the median of three or more to be left out (level)
+    off_errors: float = 5.0
+    least_for_median: int = 3  # readings of a stand whose median tells which is off (statistics)
+
+
 ORDER = Order()
 READINGS = Readings()
 FRAMES = Frames()
@@ -478,6 +492,7 @@ LISTS = Lists()
 MASSES = Masses()
 MOVED = Moved()
 COMPARED = Compared()
+STANDS = Stands()
 
 #: All of them, by what they decide.
 SECTIONS = {
@@ -495,4 +510,5 @@ SECTIONS = {
     "masses": MASSES,
     "moved": MOVED,
     "compared": COMPARED,
+    "stands": STANDS,
 }

@@ -525,3 +525,11 @@ def test_a_name_that_all_rows_have_is_no_label(tmp_path, written):
     content, text, _ = written(table.assign(Name="cell 1"), "--robot", "ur10")
     assert "pose" not in content["columns"]["poses"]
     assert re.search(r"Name +not read", text)
+
+
+def test_beside_repeats_of_a_standing_arm_the_uncertainty_is_that_of_a_position(tmp_path, written):
+    _, table = tracked(tmp_path, "points", targets=1)
+    table = table[[*Q, "T1_x_mm", "T1_y_mm", "T1_z_mm"]]
+    said = "# check instrument.uncertainty_mm: that of a position, by the instrument's data sheet"
+    assert said not in written(table, "--robot", "ur10")[1]
+    assert said in written(table.loc[table.index.repeat(3)], "--robot", "ur10")[1]

@@ -41,7 +41,7 @@ def once(made):
             "30 readings of calibration poses are too few to hold out blocks of them, and with 0 "
             "repeats the repeatability is not known",
             "measure at least 100 calibration poses, or repeat at least 20 readings at the same "
-            "pose, load and direction of arrival",
+            "pose, load and direction of arrival, moving the arm in between",
         ),
         (lambda made: of_poses(made, 3), "with 12 repeats", "repeat at least 20 readings"),
         (

@@ -249,6 +249,14 @@ def test_an_error_of_ten_times_the_scatter_of_repeats_is_found(survey, thrice):
     assert found.off_mm[50] == pytest.approx(0.25, abs=0.08)
 
 
+def test_what_is_within_the_stated_uncertainty_is_no_gross_error(survey, thrice):
+    off = shifted(thrice, [2.5e-4, 0.0, 0.0], 50)
+    assert gross_errors(off, survey.baseline).excluded.any()
+    stated = np.diagonal(off.measured.cov, axis1=1, axis2=2)[0]
+    wider = (5e-4**2 / stated[0]) * off.measured.cov
+    assert not gross_errors(off.with_measured(cov=wider), survey.baseline).excluded.any()
+
+
 def test_heavy_tails_are_not_called_wrong(survey, thrice):
     heavy_m = np.random.default_rng(2).standard_t(3, (len(thrice), 3))
     found = gross_errors(shifted(thrice, 4e-5 * heavy_m), survey.baseline)

@@ -32,6 +32,7 @@ from pa10cal.campaign.sniffing import Sniffed, rows_at
 from pa10cal.campaign.two_logs import LABELS, TwoLogs, shared_labels
 from pa10cal.errors import RawDataError
 from pa10cal.options import IngestOptions
+from pa10cal.rules import STANDS
 from pa10cal.settings_reading import parse_section
 
 #: Columns of the contract that are read wherever they are.
@@ -215,6 +216,11 @@ def _proposal(
         "provenance and gravity_m_s2: state them; instrument.uncertainty_mm is "
         + ("that of the file" if making.stated_mm is not None else f"{ASSUMED_MM} mm, assumed")
     )
+    if making.stated_mm is None and "poses" in files and _stands(*files["poses"][1:]):
+        checks.append(
+            "instrument.uncertainty_mm: that of a position, by the instrument's data sheet; what "
+            "repeats scatter by while the arm stands still is the noise of a reading, and less"
+        )
     checks.append("tool: state its mass and centre of mass; a mass of 0 means not stated")
     names = " and ".join(file for file, _, _ in files.values())
     content = {
@@ -240,6 +246,14 @@ def _proposal(
         if log.format is not None
     )
     return ColumnsProposal(content, tuple(checks), tuple(lines), known)
+
+
+def _stands(log: Sniffed, columns: Mapping[str, Any]) -> bool:
+    """Return whether rows of a file often repeat the joint positions of the row before."""
+    if "joints" not in columns:
+        return False
+    moves = np.diff(log.columns(columns["joints"]["names"]), axis=0)
+    return int((moves == 0.0).all(axis=1).sum()) >= STANDS.least_pairs
 
 
 def _read_as(

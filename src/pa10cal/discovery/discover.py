@@ -347,7 +347,7 @@ def too_few_poses(readings: Observations, baseline: FittedModel) -> CannotSearch
             f"them, and with {repeats} repeats the repeatability is not known",
             f"measure at least {LEAST_FOR_BLOCKS} calibration poses, or repeat at least "
             f"{NOISE.least_differences} readings at the same pose, load and direction of "
-            "arrival",
+            "arrival, moving the arm in between",
         )
     poses = len(np.unique(readings.pose))
     unknowns = open_unknowns(baseline.model) + 6 + len(baseline.targets_m)

@@ -9,7 +9,7 @@ elsewhere.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.ndimage import median_filter
@@ -73,7 +73,7 @@ def _off_repeats(
     """Return the gross errors of readings that have others in their group.
 
     The scatter is first that of the stated covariance, then that found from the readings that
-    remain, where these are enough.
+    remain, where these are enough. None is within the stated uncertainty of its repeats.
     """
     if (np.bincount(group)[group] < 2).all():
         return GrossErrors.none(len(readings))
@@ -94,7 +94,14 @@ def _off_repeats(
     apart, _ = _less_others(still, group, seen, found.excluded)
     if _of_one_joint(readings, model, apart, found.excluded):
         return GrossErrors.none(len(readings))
-    return replace(found, off_mm=position_mm(readings, apart))
+    # What is within the stated uncertainty is no gross error, however well the others agree.
+    beyond = times_usual(by_stated(readings, apart), readings) > 1.0
+    return GrossErrors(
+        excluded=found.excluded & beyond,
+        accused=found.accused & beyond,
+        times=found.times,
+        off_mm=position_mm(readings, apart),
+    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -202,7 +202,7 @@ def warnings_of(verdict: VerdictKeys) -> tuple[str, ...]:
         found.append(verdict.falls_back.why)
     if verdict.search is not None and (count := verdict.search.excluded):
         found.append(
-            f"{count} reading{'s are' if count > 1 else ' is'} excluded, far from the model "
-            "and from all others of the pose: a gross error"
+            f"{count} reading{'s are' if count > 1 else ' is'} excluded, far from the others of "
+            "the pose, or from the model where it has no others: a gross error"
         )
     return tuple(found)

@@ -128,6 +128,22 @@ class Instrument(ABC):
             code: (P,) number of each reading's group; every number from 0 on occurs.
         """
 
+    def averaged_at_rest(self, code: Index) -> Self:
+        """Return the mean of the readings of each group, as certain as one of them is stated.
+
+        What is stated of the readings of an arm at rest is an error that they have in common.
+
+        Args:
+            code: (P,) as in `averaged`.
+        """
+        mean = self.averaged(code)
+        count = self.components_seen.astype(float)
+        return mean.less_certain(group_means(count, code) * np.bincount(code)[:, None])
+
+    def less_certain(self, times: Array) -> Self:
+        """Return the measurements with the variances of their components (P, b) times so much."""
+        raise NotImplementedError
+
     @abstractmethod
     def ideal(self, T_instr_ee: Array, targets_m: Array) -> Instrument:
         """Return measurements of poses (P, 4, 4) without error, all targets being visible."""

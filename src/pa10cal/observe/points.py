@@ -96,6 +96,10 @@ class Points(Instrument):
             motion_cov=None if self.motion_cov is None else group_means(self.motion_cov, code),
         )
 
+    def less_certain(self, times: Array) -> Self:
+        of_target = times.reshape(self.p_instr_m.shape)[..., :1, None]
+        return replace(self, cov_m2=self.cov_m2 * of_target)
+
     def ideal(self, T_instr_ee: Array, targets_m: Array) -> Self:
         p_instr_m, _ = carried_targets(T_instr_ee, targets_m)
         unit = np.broadcast_to(np.eye(3), (*p_instr_m.shape[:2], 3, 3))
@@ -330,6 +334,9 @@ class Distance(Instrument):
     def averaged(self, code: Index) -> Self:
         u_m = np.sqrt(group_means(self.u_m**2, code) / np.bincount(code))
         return replace(self, d_m=group_means(self.d_m, code), u_m=u_m)
+
+    def less_certain(self, times: Array) -> Self:
+        return replace(self, u_m=self.u_m * np.sqrt(times[:, 0]))
 
     def ideal(self, T_instr_ee: Array, targets_m: Array) -> Self:
         p_instr_m, _ = carried_targets(T_instr_ee, targets_m)

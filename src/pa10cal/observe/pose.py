@@ -78,6 +78,9 @@ class Pose(Instrument):
             by_apparatus=group_means(self.by_apparatus, code),
         )
 
+    def less_certain(self, times: Array) -> Self:
+        return replace(self, cov=self.cov * times[:, :1, None])
+
     def steadied(self, base: BaseTargets) -> Self:
         T = np.linalg.inv(base.T_moved) @ self.T_instr_target
         still = replace(self, T_instr_target=T)
