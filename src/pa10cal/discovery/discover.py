@@ -23,7 +23,7 @@ from pa10cal.discovery.gap import PairedErrors, errors_of, gap
 from pa10cal.discovery.gates import gated, with_other_readings
 from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit
 from pa10cal.discovery.log_faults import fault_of_quarantined, influential_pose
-from pa10cal.discovery.loose_targets import loose_targets
+from pa10cal.discovery.loose_targets import knocked_targets, loose_targets
 from pa10cal.discovery.model_with_effects import ModelWithEffects, with_base_motion
 from pa10cal.discovery.nameless import nameless_effects
 from pa10cal.discovery.no_harm import limits, only_within, worse_than
@@ -179,9 +179,12 @@ def _nameless(found: Verdict, model: FittedModel) -> tuple[Effect, ...]:
 def _judged(campaign: Prepared, model: FittedModel) -> Verdict:
     """Return the verdict of the scorer that suits a campaign, before its gates.
 
-    A loose target, or a noisy campaign of a group, stands for what is unexplained at no place.
+    A loose target, or a noisy campaign of a group, stands for what is unexplained at no place; a
+    target that was knocked for all that is: its step looks like errors of other places.
     """
     found = _by_scorer(campaign, model)
+    if knocked := knocked_targets(campaign.trusted):
+        return replace(found, unexplained=knocked)
     # A target that slipped once has other distances from then on.
     slipped = any(fault.kind == "step_in_time" for fault in found.faults_of_rows)
     if slipped or not (loose := loose_targets(campaign.trusted)):

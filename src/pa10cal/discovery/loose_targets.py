@@ -1,12 +1,13 @@
-"""Targets that are loose on the tool: their distances from the others scatter.
+"""Targets that were knocked or are loose on the tool: their distances from the others change.
 
 Distances between targets of one rigid tool need no model of the arm. Where those of one target
-scatter by more than noise and those among the others do not, that target moves on its mount.
+change by one step in time, it was knocked. Where they scatter by more than noise and those among
+the others do not, that target moves on its mount.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +15,7 @@ import numpy as np
 from pa10cal.arrays import MEDIAN_TO_SIGMA, Array
 from pa10cal.discovery.rules import LOOSE
 from pa10cal.fit.tails import distances_between
+from pa10cal.frame.knocked_targets import knocks_on_body
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
 from pa10cal.results.discovery import Unexplained
@@ -32,25 +34,40 @@ class _Distance(NamedTuple):
         return self.scatter_m / self.noise_m
 
 
+def knocked_targets(poses: Observations) -> tuple[Unexplained, ...]:
+    """Return the targets that were knocked, each step as an unexplained part of the error.
+
+    Of a group, those of each campaign. Nothing is told of fewer than three targets.
+    """
+    return _of_each_campaign(poses, lambda own: tuple(_knocked(own)))
+
+
 def loose_targets(poses: Observations) -> tuple[Unexplained, ...]:
     """Return the target that is loose, or two of which one is, as an unexplained part of the error.
 
     Of a group, those of each campaign. Nothing is told where fewer than three targets were
     measured: which of two moves cannot be told, nor whether the stated uncertainty is too small.
     """
+    return _of_each_campaign(poses, _loose)
+
+
+def _of_each_campaign(
+    poses: Observations, told: Callable[[Observations], tuple[Unexplained, ...]]
+) -> tuple[Unexplained, ...]:
+    """Return what is told of the poses, or of each campaign of a group, with its name."""
     campaigns = poses.by_campaign()
     if not campaigns:
-        return _loose(poses)
+        return told(poses)
     return tuple(
         each.model_copy(update={"of": f"{each.of} of {name}"})
         for name, own in campaigns.items()
-        for each in _loose(own)
+        for each in told(own)
     )
 
 
 def _loose(poses: Observations) -> tuple[Unexplained, ...]:
     """Return the loose target of one campaign."""
-    measured = poses.measured
+    measured = poses.measured.single_targets
     if len(poses) == 0 or measured.places_m.shape[1] < LOOSE.targets:
         return ()
     distances = list(_distances(measured))
@@ -67,16 +84,10 @@ def _loose(poses: Observations) -> tuple[Unexplained, ...]:
     names = [measured.target_names[target] for target in sorted(common)]
     worst = max(moving, key=lambda each: each.scatter_m)
     steady_mm = 1e3 * min(each.scatter_m for each in distances)
-    between = _knocked_between(poses, worst, noise_ratio)
-    lies = "whatever the arm does: it is loose, or its mount gives way; fasten it, or"
-    if between is not None:
-        lies = (
-            f"by one step between poses {between[0]} and {between[1]}: it was knocked; give it "
-            "another name from there on, or"
-        )
     why = (
         f"its distances from other targets scatter by up to {1e3 * worst.scatter_m:.3f} mm, the "
-        f"steadiest of all distances by {steady_mm:.3f} mm, {lies} calibrate without it"
+        f"steadiest of all distances by {steady_mm:.3f} mm, whatever the arm does: it is "
+        "loose, or its mount gives way; fasten it, or calibrate without it"
     )
     return (
         Unexplained(
@@ -88,27 +99,41 @@ def _loose(poses: Observations) -> tuple[Unexplained, ...]:
     )
 
 
-def _knocked_between(
-    poses: Observations, moving: _Distance, noise_ratio: float
-) -> tuple[str, str] | None:
-    """Return the poses between which one step makes a distance scatter; None if none does.
-
-    Args:
-        noise_ratio: of the scatter of the steadiest distance to the stated noise.
-    """
-    length_m = distances_between(poses.measured.places_m)[moving.targets]
+def _knocked(poses: Observations) -> Iterator[Unexplained]:
+    """Yield the targets of one campaign that distances show to have been knocked."""
+    measured = poses.measured.single_targets
     in_time = np.argsort(poses.states.time_s, kind="stable")
-    in_time = in_time[np.isfinite(length_m[in_time])]
-    length_m = length_m[in_time]
-    first = range(LOOSE.either_side, len(length_m) - LOOSE.either_side + 1)
-    if not first:
-        return None
-    squares = [sum(part.var() * len(part) for part in np.split(length_m, [row])) for row in first]
-    row = first[int(np.argmin(squares))]
-    steady_m = np.concatenate([part - np.median(part) for part in np.split(length_m, [row])])
-    if MEDIAN_TO_SIGMA * np.median(np.abs(steady_m)) > LOOSE.ratio * noise_ratio * moving.noise_m:
-        return None
-    return str(poses.pose[in_time[row - 1]]), str(poses.pose[in_time[row]])
+    places_m = measured.places_m[in_time]
+    if len(poses) == 0 or places_m.shape[1] < LOOSE.targets or places_m.shape[2] != 3:
+        return
+    variance = np.diagonal(measured.stated_covariance[in_time], axis1=1, axis2=2)
+    u_m = np.sqrt(variance).reshape(places_m.shape)
+    load_N = poses.states.load_N[in_time]
+    for knock in knocks_on_body(places_m, u_m):
+        row, names = knock.row, [measured.target_names[k] for k in knock.targets]
+        before, after = (_visit(poses, in_time[k]) for k in (row - 1, row))
+        lies = "it was knocked"
+        if len({*load_N[:row]} & {*load_N[row:]}) == 0:
+            lies += ", or gives way under the load, which is another from there on"
+        remedy = "give it another name from there on, or calibrate without it"
+        if measured is not poses.measured or places_m.shape[1] == LOOSE.targets:
+            remedy = "calibrate the poses before and after as two campaigns, or without it"
+        share = row / len(in_time)
+        yield Unexplained(
+            of=f"target {' or '.join(names)}",
+            form=None,
+            shared_error_mm=1e3 * knock.shift_m * float(np.sqrt(share * (1.0 - share))),
+            why=f"its distances from other targets change by one step between poses {before} and "
+            f"{after}: {lies}, by {1e3 * knock.shift_m:.3f} mm at least; {remedy}",
+        )
+
+
+def _visit(poses: Observations, row: int) -> str:
+    """Return the pose of a reading, with load and repeat where it was visited more than once."""
+    pose = str(poses.pose[row])
+    if np.sum(poses.pose == poses.pose[row]) == 1:
+        return pose
+    return f"{pose} ({poses.states.load_N[row]:g} N, repeat {poses.repeat[row]})"
 
 
 def _distances(measured: Instrument) -> Iterator[_Distance]:

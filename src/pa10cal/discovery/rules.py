@@ -354,7 +354,6 @@ class Loose:
 
     targets: int = 3  # of fewer it cannot be told which one moves (statistics)
     least_poses: int = 20  # poses that show the distance between two (statistics)
-    either_side: int = 10  # poses on either side of the step of a target that was knocked (level)
     # scatter of a distance over the noise from which on a target moves; no target of six measured
     # robots comes near (measured)
     ratio: float = 1.5

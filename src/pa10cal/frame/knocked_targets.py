@@ -1,8 +1,9 @@
-"""Fixed targets that were read wrongly, or moved relative to each other: which, when, how far.
+"""Targets that were read wrongly, or moved relative to each other: which, when, how far.
 
-Fixed targets keep their shape, however the instrument moves. The residuals of the best rigid motion
-are therefore noise: a single large residual is an outlier, and a step of the residuals in time
-shows that a target was knocked. Neither counts within the stated uncertainty.
+Fixed targets keep their shape, however the instrument moves, and so do those of a tool. The
+residuals of the best rigid motion are therefore noise: a single large residual is an outlier, and a
+step of the residuals in time shows that a target was knocked. Neither counts within the stated
+uncertainty.
 
 Throughout, p_m are readings (P, K, 3) of K targets in order of time, nan where one was not seen,
 and u_m their stated standard uncertainties.
@@ -17,7 +18,8 @@ from scipy.ndimage import median_filter
 from scipy.special import chdtri
 
 from pa10cal.arrays import MEDIAN_TO_SIGMA, Array, Index, Mask
-from pa10cal.frame.point_fits import by_small_motion
+from pa10cal.errors import CalibrationError
+from pa10cal.frame.point_fits import by_small_motion, fit_rigid
 from pa10cal.rules import KNOCKS
 
 #: Singular values of the rigid motions below this part of the largest are zero; and the smallest
@@ -140,6 +142,49 @@ def without_knocked(p_m: Array, u_m: Array) -> tuple[tuple[Knock, ...], Array]:
             kept_m[removed, k] = np.nan
             others.remove(k)
     return tuple(found), kept_m
+
+
+def knocks_on_body(p_m: Array, u_m: Array) -> tuple[Knock, ...]:
+    """Return the knocks of targets of a body that moves as it likes, in order of time.
+
+    The body is turned to where it was first. Before and after a step more steps are sought. A shape
+    that changes steadily, as a body that warms, is none: a line in time explains it better.
+    """
+    rows = np.flatnonzero(np.isfinite(p_m[..., 0]).all(axis=1))
+    if len(rows) <= 2 * KNOCKS.either_side or p_m.shape[1] < 3:
+        return ()
+    try:
+        T = fit_rigid(p_m[rows], p_m[rows[0]]).T
+    except CalibrationError:  # targets in one line
+        return ()
+    on_body_m = p_m[rows] @ np.swapaxes(T[:, :3, :3], 1, 2) + T[:, None, :3, 3]
+    return tuple(
+        Knock(each.targets, int(rows[each.row]), each.shift_m)
+        for each in _knocks_of(on_body_m, u_m[rows])
+    )
+
+
+def _knocks_of(p_m: Array, u_m: Array) -> list[Knock]:
+    """Return the clearest knock, and those before and after it."""
+    knock = clearest_knock(p_m, u_m)
+    if knock is None or _is_steady(p_m, u_m, knock.row):
+        return []
+    row = knock.row
+    later = [Knock(k.targets, row + k.row, k.shift_m) for k in _knocks_of(p_m[row:], u_m[row:])]
+    return [*_knocks_of(p_m[:row], u_m[:row]), knock, *later]
+
+
+def _is_steady(p_m: Array, u_m: Array, row: int) -> bool:
+    """Return whether the shape changes along a line in the order of rows rather than by a step."""
+    shape = _shape(p_m, u_m)[0]
+    order = np.arange(len(shape), dtype=float)
+
+    def left(course: Array) -> float:
+        design = np.column_stack([np.ones(len(shape)), course])
+        rest = shape - design @ np.linalg.lstsq(design, shape, rcond=None)[0]
+        return float(np.sum(rest**2))
+
+    return left(order) < left((order >= row).astype(float))
 
 
 def clearest_knock(p_m: Array, u_m: Array) -> Knock | None:

@@ -165,6 +165,11 @@ class Instrument(ABC):
         """Return measured positions (P, B, 3) of B targets, or distances (P, 1, 1); else nan."""
 
     @property
+    def single_targets(self) -> Instrument:
+        """Return the readings of single targets, by which a pose was found; else itself."""
+        return self
+
+    @property
     def counts(self) -> tuple[str, ...]:
         """Return numbers of observed targets, in words, for the summary of ingest."""
         return ()

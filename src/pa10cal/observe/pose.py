@@ -380,6 +380,10 @@ class Touched(Pose):
         return replace(super().in_frame(T), balls=self.balls.in_frame(T))
 
     @property
+    def single_targets(self) -> Points:
+        return self.balls
+
+    @property
     def counts(self) -> tuple[str, ...]:
         return (f"{self.touches.size} balls",)
 
