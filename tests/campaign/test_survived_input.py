@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 
+import numpy as np
 import pytest
 
 from spoiling import (
@@ -280,3 +281,52 @@ def test_a_outlier_is_the_very_touch_that_was_moved(raw_campaign):
     outlier_touch(raw_campaign)
     ingested = ingest(raw_campaign)
     assert [row.line for row in ingested.quarantined] == [index + 1]
+
+
+def moved_touches(raw, shift_of):
+    """Shift touches, in order of the file, by what a function of ball and line makes of them."""
+    names = raw.cmm[0].split(",")
+    first = names.index("x_mm")
+    for index, line in enumerate(raw.cmm[1:], 1):
+        words = line.split(",")
+        p_mm = np.array(words[first : first + 3], dtype=float)
+        p_mm += shift_of(words[names.index("ball")], index, p_mm)
+        words[first : first + 3] = [f"{value:.4f}" for value in p_mm]
+        raw.cmm[index] = ",".join(words)
+
+
+def balls_of(observations):
+    return observations.measured.balls.p_instr_m
+
+
+def test_a_knocked_ball_is_named_with_its_time_and_loses_no_row(raw_campaign):
+    clean = balls_of(ingest(raw_campaign).observations)
+    across = clean[:, 2] - clean[:, 1]
+    across /= np.linalg.norm(across, axis=1)[:, None]
+    half = 17  # of 34 configurations
+    moved_touches(
+        raw_campaign,
+        lambda ball, index, _: (
+            0.3 * across[(index - 1) // TOUCHES]
+            if ball == "B" and (index - 1) // TOUCHES >= half
+            else 0.0
+        ),
+    )
+    ingested = ingest(raw_campaign)
+    assert ingested.quarantined == ()
+    (warning,) = ingested.warnings
+    assert re.match(r"ball B moved by 0\.[23]\d\d mm on the tool between P", warning)
+    assert "as two campaigns" in warning
+
+
+@pytest.mark.parametrize("off_mm", [0.02, -0.015])
+def test_a_wrong_radius_is_told_with_its_size_and_taken_out(raw_campaign, off_mm):
+    clean = ingest(raw_campaign).observations
+    raw_campaign.description["ball_diameter_mm"] -= 2.0 * off_mm
+    ingested = ingest(raw_campaign)
+    assert ingested.quarantined == ()
+    (warning,) = ingested.warnings
+    size = re.match(r"the touches lie (\S+) ± \S+ mm (\w+) the spheres", warning)
+    assert float(size[1]) == pytest.approx(abs(off_mm), abs=0.002)
+    assert size[2] == ("outside" if off_mm > 0.0 else "inside")
+    np.testing.assert_allclose(balls_of(ingested.observations), balls_of(clean), atol=4e-6)

@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation
 from drawn_examples import examples
 from pa10cal.arm.statics import PoseStates
 from pa10cal.discovery.loose_targets import knocked_targets, loose_targets
+from pa10cal.frame.point_fits import fit_rigid
 from pa10cal.observe.joined import concatenated
 from pa10cal.observe.observations import Observations
-from pa10cal.frame.point_fits import fit_rigid
 from pa10cal.observe.points import Points
 from pa10cal.observe.pose import Touched
 

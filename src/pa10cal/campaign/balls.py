@@ -8,6 +8,7 @@ which has six unknowns.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +19,12 @@ from pa10cal.arrays import Array, Index, Mask, Rows, take_rows
 from pa10cal.campaign.description import CampaignDescription
 from pa10cal.campaign.raw_rows import RawRows
 from pa10cal.campaign.target_labels import exchange_text, stated_shape
+from pa10cal.campaign.touch_errors import (
+    knock_remarks,
+    knocked_balls,
+    radius_off_mm,
+    radius_remark,
+)
 from pa10cal.errors import RawDataError
 from pa10cal.frame.point_fits import Spheres, fit_rigid, fit_spheres, normals_and_residuals
 
@@ -42,16 +49,25 @@ class LocatedBalls:
     used: Mask  # (C, B, T) touches used
     outlier: Mask  # (C, B, T) touches suspected to be outliers
     reason: NDArray[np.object_]  # (C,) why a configuration cannot be used; "" where it can
+    remarks: tuple[str, ...]  # what the user should correct first, one sentence each
 
     def take(self, rows: Rows) -> LocatedBalls:
         """Return the balls of these configurations."""
-        return take_rows(self, rows)
+        return take_rows(self, rows, "remarks")
 
 
 def locate_balls(
-    p_instr_mm: Array, valid: Mask, campaign: CampaignDescription, outlier_sigma: float, where: str
+    p_instr_mm: Array,
+    valid: Mask,
+    campaign: CampaignDescription,
+    outlier_sigma: float,
+    where: str,
+    visits: Sequence[str],
 ) -> LocatedBalls:
     """Find the centres of all balls and the suspected outliers of touches (C, B, T, 3), padded.
+
+    A radius that all touches show to be off is taken out, and outliers are sought with the shape
+    that the tool had at that time, so that neither a wrong radius nor a knocked ball loses rows.
 
     Args:
         p_instr_mm: touches.
@@ -60,6 +76,7 @@ def locate_balls(
         outlier_sigma: a touch further off its ball than so many of its standard uncertainties is an
             outlier.
         where: the file, in messages.
+        visits: (C,) the configurations in words, in order of time.
 
     Raises:
         RawDataError: when most touches do not lie on spheres of the stated diameter, or the balls
@@ -67,6 +84,7 @@ def locate_balls(
     """
     C, B, T = valid.shape
     radius_mm, names = 0.5 * float(campaign.ball_diameter_mm or np.nan), campaign.ball_names
+    remarks: list[str] = []
 
     def fit(rows: Index | slice, touches: Mask) -> Spheres:
         p_mm, used = p_instr_mm[rows].reshape(-1, T, 3), touches[rows].reshape(-1, T)
@@ -84,12 +102,24 @@ def locate_balls(
         sigma_mm = touch_sigma_mm(spheres, campaign.instrument.uncertainty_mm)
         limit_mm = outlier_sigma * sigma_mm
         _refuse_other_spheres(spheres, radius_mm, limit_mm, outlier_sigma, where)
-        shape_mm = _shape(spheres.centre_mm.reshape(len(whole), -1, 3), campaign, where)
-        touch, undecided = find_outliers(
-            p_instr_mm[whole], near[whole], shape_mm, radius_mm, limit_mm, sigma_mm
-        )
-        outlier[whole] |= touch
-        reason[whole[undecided]] = UNDECIDED
+        touches_mm, touched = p_instr_mm[whole].reshape(-1, T, 3), near[whole].reshape(-1, T)
+        off_mm, u_mm = radius_off_mm(spheres, touches_mm, touched, radius_mm, sigma_mm)
+        if off_mm:
+            remarks.append(radius_remark(off_mm, u_mm, radius_mm))
+            radius_mm += off_mm
+            spheres = fit(whole, near)
+        centres_mm = spheres.centre_mm.reshape(len(whole), -1, 3)
+        knocks = knocked_balls(centres_mm, campaign.instrument.uncertainty_mm)
+        knocked = tuple(knock_remarks(knocks, names, [visits[c] for c in whole.tolist()]))
+        remarks += knocked
+        for part in np.split(np.arange(len(whole)), [knock.row for knock in knocks]):
+            shape_mm = _shape(centres_mm[part], campaign, where, knocked)
+            rows = whole[part]
+            touch, undecided = find_outliers(
+                p_instr_mm[rows], near[rows], shape_mm, radius_mm, limit_mm, sigma_mm
+            )
+            outlier[rows] |= touch
+            reason[rows[undecided]] = UNDECIDED
     used = valid & ~outlier
     spheres = fit(slice(None), used)
     without = unusable_balls(used, spheres.coplanar.reshape(C, B), names)
@@ -99,6 +129,7 @@ def locate_balls(
         used=used,
         outlier=outlier,
         reason=np.where(reason == "", without, reason),
+        remarks=tuple(remarks),
     )
 
 
@@ -141,8 +172,13 @@ def _refuse_other_spheres(
         )
 
 
-def _shape(p_instr_mm: Array, campaign: CampaignDescription, where: str) -> Array:
-    """Return the balls' places on the tool (B, 3): the median over configurations, if enough."""
+def _shape(
+    p_instr_mm: Array, campaign: CampaignDescription, where: str, knocked: tuple[str, ...]
+) -> Array:
+    """Return the balls' places on the tool (B, 3): the median over configurations, if enough.
+
+    `knocked` are remarks on balls that were knocked, for the refusal of another tool.
+    """
     nominal, names = campaign.p_ee_balls_mm, campaign.ball_names
     T = fit_rigid(nominal, p_instr_mm).T
     on_tool = (p_instr_mm - T[:, None, :3, 3]) @ T[:, :3, :3]
@@ -154,6 +190,8 @@ def _shape(p_instr_mm: Array, campaign: CampaignDescription, where: str) -> Arra
         if shape is not None and shape.order is not None:
             swapped = exchange_text(shape.order, names)
             remedy = f"balls {swapped} seem exchanged: exchange their places or their names"
+        elif knocked:
+            remedy = "; ".join(knocked)
         worst = names[int(off.argmax())]
         raise RawDataError(
             f"the measured positions of the balls differ from the description; ball {worst} is "

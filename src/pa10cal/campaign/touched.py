@@ -79,10 +79,15 @@ def read_touched(
 
     groups = balls.group_touches(touches, len(names))
     p_instr_mm = touches.numbers_of(_PLACE)[groups.row]
-    located = balls.locate_balls(
-        p_instr_mm, groups.valid, campaign, settings.stray_touch_sigma, str(cmm.path)
-    )
     configurations = touches.at(groups.first)  # (C,) by the first touch of each
+    located = balls.locate_balls(
+        p_instr_mm,
+        groups.valid,
+        campaign,
+        settings.stray_touch_sigma,
+        str(cmm.path),
+        _in_words(configurations),
+    )
     q_rad = np.radians(dwells.q_deg[configurations["dwell"]])
     reason = _why_unusable(located, configurations, arm, q_rad, names)
     quarantined_rows += _unused_touches(touches, groups, located, reason, settings)
@@ -103,7 +108,8 @@ def read_touched(
     idle_notes, idle_warnings = _remarks_on_idle_dwells(touched, touches.file)
     of_count = screens.count_warnings(campaign.configurations, logged_count, touches.file)
     notes = (*touches.notes, *log.notes, *idle_notes)
-    return Ingested(poses, quarantined_rows, notes, (*of_count, *idle_warnings))
+    warnings = (*of_count, *idle_warnings, *located.remarks)
+    return Ingested(poses, quarantined_rows, notes, warnings)
 
 
 def _refuse_wrong_angle_unit(
@@ -392,9 +398,7 @@ def _unused_touches(
     """List touches that are outliers, and touches of configurations that cannot be used."""
     outlier = np.zeros(len(touches), dtype=bool)
     outlier[groups.row[located.outlier]] = True
-    parts = (touches.text_of("pose"), touches["load_N"], touches["repeat"])
-    words = [f"{pose} at {load:g} N, repeat {k}" for pose, load, k in zip(*parts, strict=True)]
-    label = np.array(words, dtype=object)
+    label = np.array(_in_words(touches), dtype=object)
     outlier_reason = (
         f"suspected outlier: more than {settings.stray_touch_sigma:g} sigmas off its ball"
     )
@@ -405,3 +409,9 @@ def _unused_touches(
         places = [f"pose {text}" for text in label[unused]]
         rows += quarantined(touches.file, touches.line[unused], why, label[unused], places)
     return rows
+
+
+def _in_words(rows: RawRows) -> list[str]:
+    """Return the configuration of each row in words."""
+    parts = (rows.text_of("pose"), rows["load_N"], rows["repeat"])
+    return [f"{pose} at {load:g} N, repeat {k}" for pose, load, k in zip(*parts, strict=True)]
