@@ -30,9 +30,12 @@ from pa10cal.discovery.refitted_verdict import (
     without_names,
 )
 from pa10cal.discovery.rules import NAMES, PROBABILITIES
+from pa10cal.discovery.target_wander import wander_instead_of
 from pa10cal.discovery.verdict import Scorer, Verdict, is_sought, with_unknown_cause
 from pa10cal.fit.fitted import Otherwise
+from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.uncertain_weights import open_unknowns
+from pa10cal.observe.observations import Observations
 from pa10cal.observe.time_order import covariates, measured_again, slow_joints
 from pa10cal.results.discovery import Unexplained
 from pa10cal.terms.effects.arrivals import ArrivalError
@@ -150,7 +153,11 @@ def _still_passing(found: Verdict[S]) -> Verdict[S]:
 def _reasons_against(found: Verdict[S], finding: Finding) -> tuple[str, ...]:
     """Return why a finding of a verdict cannot be named; empty where it can."""
     by_fit = unfit(finding, found.model, found.states)
-    return (*by_fit, *confounded_with_order(finding, found.prepared))
+    return (
+        *by_fit,
+        *confounded_with_order(finding, found.prepared),
+        *drift_of_single_targets(finding.effect, found.model, found.prepared.trusted),
+    )
 
 
 def _withdrawn(found: Verdict[S], finding: Finding, reasons: Sequence[str]) -> Verdict[S]:
@@ -229,6 +236,24 @@ def confounded_with_order(finding: Finding, campaign: Prepared) -> Iterator[str]
     if along:
         joints = " and ".join(along)
         yield f"the order of the poses follows {joints}, whose error may look the same"
+
+
+def drift_of_single_targets(
+    effect: Effect, model: FittedModel, readings: Observations
+) -> Iterator[str]:
+    """Yield why a drift cannot be named: targets wander as much, each by itself.
+
+    Args:
+        model: the model with the effect.
+        readings: single readings.
+    """
+    if effect.id != BaseDrift.id or effect not in model.model.terms:
+        return
+    if (found := wander_instead_of(effect, model, readings)) is not None:
+        yield (
+            f"readings of single targets wander in time by {found.rms_mm:.2g} mm, each by itself, "
+            "as much as it moves all of them together"
+        )
 
 
 def with_cable_torques(found: Verdict[S]) -> Verdict[S]:

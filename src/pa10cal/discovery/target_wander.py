@@ -24,6 +24,7 @@ from pa10cal.fit.discrepancy import less_far_off
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
 from pa10cal.results.number_text import duration_text
+from pa10cal.terms.effects.effect import Effect
 
 
 @dataclass(frozen=True)
@@ -75,6 +76,22 @@ def target_wander(at: FittedModel, poses: Observations, residual: Array) -> Targ
         rms_mm=float(np.sqrt(max(single.covariance[0], 0.0))) * _stated_mm(poses),
         lasting_s=_lasting_s(single.covariance, rows.poses.states.time_s),
     )
+
+
+def wander_instead_of(drift: Effect, at: FittedModel, poses: Observations) -> TargetWander | None:
+    """Return how single targets wander where a drift of the base is left in what they leave.
+
+    None where the drift moves all targets together by more than they wander by themselves.
+
+    Args:
+        drift: shifts of the base, a term of the model.
+        at: the model.
+        poses: P complete poses.
+    """
+    shift_m = drift.shift(poses.states, at.values_of(drift))
+    moved_m = shift_m - shift_m.mean(axis=0)  # a base that stands still is fitted to all poses
+    by_drift = (jacobians.by_base(at, poses)[:, :, :3] @ moved_m[:, :, None])[:, :, 0]
+    return target_wander(at, poses, jacobians.residual(at, poses) - by_drift)
 
 
 def _rows_in_time(at: FittedModel, poses: Observations, residual: Array) -> WhitenedPoses:

@@ -8,9 +8,11 @@ import pytest
 from made_up_model import fitted, postures
 from made_up_survey import POSITION_M, observe
 from pa10cal.arm.statics import PoseStates
+from pa10cal.discovery import jacobians
 from pa10cal.discovery.blocked_cv import outcome
 from pa10cal.discovery.blocked_cv.by_blocks import discover_by_blocks
 from pa10cal.discovery.blocked_cv.interleaved_check import SquaresByBlock, slow_drift
+from pa10cal.discovery.gates import drift_of_single_targets
 from pa10cal.discovery.preparation import Prepared
 from pa10cal.discovery.target_wander import TargetWander, in_words, target_wander
 from pa10cal.fit.model_reading import model_from_plain
@@ -18,6 +20,7 @@ from pa10cal.fit.model_writing import model_to_plain
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.points import Points
 from pa10cal.options import Tolerances
+from pa10cal.terms.effects.over_time import BaseDrift
 from pa10cal.terms.offsets import link_departures
 
 POSES = 400
@@ -102,13 +105,18 @@ TARGETS_M = np.array([[0.05, 0.01, 0.06], [-0.04, 0.05, 0.08], [0.0, -0.06, 0.1]
 SECONDS_A_POSE, NOISE_M = 20.0, 5e-5
 
 
-def wander_of(single=0.0, common=0.0, *, targets=3, from_pose_to_pose=0.9, seed=1):
-    """Return what is found in readings at random poses with white noise and what lasts longer.
+def wander_of(single=0.0, common=0.0, **given):
+    """Return how targets wander; see `wandering`."""
+    return target_wander(*wandering(single, common, **given))
+
+
+def wandering(single=0.0, common=0.0, *, targets=3, from_pose_to_pose=0.9, seed=1, drift=()):
+    """Return a model, readings at random poses, and their white noise with what lasts longer.
 
     Both sizes, of errors of single targets and of a shift of all, are over that of the noise.
     """
     rng, count = np.random.default_rng(seed), 200
-    at = fitted("ur10", 1, lambda arm: (link_departures(arm, Tolerances()),))
+    at = fitted("ur10", 1, lambda arm: (link_departures(arm, Tolerances()), *drift))
     at = replace(at, targets_m=TARGETS_M[:targets].ravel())
 
     def lasting(*size):
@@ -134,7 +142,7 @@ def wander_of(single=0.0, common=0.0, *, targets=3, from_pose_to_pose=0.9, seed=
     read = Points(names, np.ones((count, targets, 3)), cov_m2, None)
     poses = Observations.single(np.array([f"P{k}" for k in range(count)]), states, read)
     shuffled = rng.permutation(count)
-    return target_wander(at, poses.take(shuffled), residual.reshape(count, -1)[shuffled])
+    return at, poses.take(shuffled), residual.reshape(count, -1)[shuffled]
 
 
 @pytest.mark.parametrize("targets", [2, 3])
@@ -155,6 +163,19 @@ def test_noise_and_motions_of_all_targets_are_no_such_wander(seed):
 
 def test_a_single_target_does_not_show_whether_it_moves_alone():
     assert wander_of(single=1.0, targets=1) is None
+
+
+@pytest.mark.parametrize(("single", "named"), [(2.0, False), (0.2, True)])
+def test_a_drift_that_single_targets_wander_by_is_not_named(monkeypatch, single, named):
+    drift = BaseDrift("base", 0.0)
+    at, poses, residual = wandering(single, drift=(drift,), from_pose_to_pose=0.98)
+    x = at.x.copy()
+    x[at.model.columns_of(drift)] = 2e-4 * np.array([1.0, 0.5, -0.3])  # [m/h], in 1.1 h
+    at = replace(at, x=x)
+    monkeypatch.setattr(jacobians, "residual", lambda *_: residual)
+    reasons = list(drift_of_single_targets(drift, at, poses))
+    assert not reasons if named else "each by itself, as much" in reasons[0]
+    assert not list(drift_of_single_targets(drift, at.only(at.model.terms[0]), poses))
 
 
 @pytest.mark.slow
