@@ -249,7 +249,8 @@ def drift_of_single_targets(
     """
     if effect.id != BaseDrift.id or effect not in model.model.terms:
         return
-    if (found := wander_instead_of(effect, model, readings)) is not None:
+    residual = model.compared(readings).residual
+    if (found := wander_instead_of(effect, model, readings, residual)) is not None:
         yield (
             f"readings of single targets wander in time by {found.rms_mm:.2g} mm, each by itself, "
             "as much as it moves all of them together"

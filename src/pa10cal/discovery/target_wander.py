@@ -78,7 +78,9 @@ def target_wander(at: FittedModel, poses: Observations, residual: Array) -> Targ
     )
 
 
-def wander_instead_of(drift: Effect, at: FittedModel, poses: Observations) -> TargetWander | None:
+def wander_instead_of(
+    drift: Effect, at: FittedModel, poses: Observations, residual: Array
+) -> TargetWander | None:
     """Return how single targets wander where a drift of the base is left in what they leave.
 
     None where the drift moves all targets together by more than they wander by themselves.
@@ -87,11 +89,12 @@ def wander_instead_of(drift: Effect, at: FittedModel, poses: Observations) -> Ta
         drift: shifts of the base, a term of the model.
         at: the model.
         poses: P complete poses.
+        residual: (P, b) predicted by the model less measured components.
     """
     shift_m = drift.shift(poses.states, at.values_of(drift))
     moved_m = shift_m - shift_m.mean(axis=0)  # a base that stands still is fitted to all poses
     by_drift = (jacobians.by_base(at, poses)[:, :, :3] @ moved_m[:, :, None])[:, :, 0]
-    return target_wander(at, poses, jacobians.residual(at, poses) - by_drift)
+    return target_wander(at, poses, residual - by_drift)
 
 
 def _rows_in_time(at: FittedModel, poses: Observations, residual: Array) -> WhitenedPoses:

@@ -8,13 +8,11 @@ import pytest
 from made_up_model import fitted, postures
 from made_up_survey import POSITION_M, observe
 from pa10cal.arm.statics import PoseStates
-from pa10cal.discovery import jacobians
 from pa10cal.discovery.blocked_cv import outcome
 from pa10cal.discovery.blocked_cv.by_blocks import discover_by_blocks
 from pa10cal.discovery.blocked_cv.interleaved_check import SquaresByBlock, slow_drift
-from pa10cal.discovery.gates import drift_of_single_targets
 from pa10cal.discovery.preparation import Prepared
-from pa10cal.discovery.target_wander import TargetWander, in_words, target_wander
+from pa10cal.discovery.target_wander import TargetWander, in_words, target_wander, wander_instead_of
 from pa10cal.fit.model_reading import model_from_plain
 from pa10cal.fit.model_writing import model_to_plain
 from pa10cal.observe.observations import Observations
@@ -166,16 +164,13 @@ def test_a_single_target_does_not_show_whether_it_moves_alone():
 
 
 @pytest.mark.parametrize(("single", "named"), [(2.0, False), (0.2, True)])
-def test_a_drift_that_single_targets_wander_by_is_not_named(monkeypatch, single, named):
+def test_a_drift_that_single_targets_wander_by_is_not_named(single, named):
     drift = BaseDrift("base", 0.0)
     at, poses, residual = wandering(single, drift=(drift,), from_pose_to_pose=0.98)
     x = at.x.copy()
     x[at.model.columns_of(drift)] = 2e-4 * np.array([1.0, 0.5, -0.3])  # [m/h], in 1.1 h
     at = replace(at, x=x)
-    monkeypatch.setattr(jacobians, "residual", lambda *_: residual)
-    reasons = list(drift_of_single_targets(drift, at, poses))
-    assert not reasons if named else "each by itself, as much" in reasons[0]
-    assert not list(drift_of_single_targets(drift, at.only(at.model.terms[0]), poses))
+    assert (wander_instead_of(drift, at, poses, residual) is None) == named
 
 
 @pytest.mark.slow
