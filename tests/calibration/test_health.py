@@ -86,8 +86,16 @@ def off(sizes, **fit):
 def test_a_fit_down_to_the_noise_is_good():
     found = health(ended(), errors())
     assert found.grade == "good"
-    assert "rank 6" in found.line
+    assert "is determined (rank 6)" in found.line
+    assert "but for" not in found.line
     assert found.findings == ()
+
+
+def test_a_tilt_that_was_left_at_zero_is_not_called_determined():
+    found = health(ended(), errors(not_shown=("delta_beta_2", "delta_beta_3")))
+    assert found.grade == "good"
+    said = "(rank 6) but for the tilts that these poses do not show, taken as zero: "
+    assert f"{said}delta_beta_2, delta_beta_3" in found.line
 
 
 GUESS = InputFinding(

@@ -38,6 +38,8 @@ class FitSummary:
     hidden: frozenset[str] = frozenset()
     # names of those that contain the mounting of base or tool, and so are no departures of the arm
     of_mounting: frozenset[str] = frozenset()
+    # (k, k) covariance with which they predict positions; None for the same
+    of_positions: Array | None = None
     # what another campaign says of the first parameters; None for nothing
     expected: GaussianPrior | None = None
 
@@ -68,7 +70,8 @@ class FitSummary:
     @property
     def u_positions_mm(self) -> float:
         """Return the rms standard uncertainty of positions in the poses fitted, as of any pose."""
-        total_m2 = np.sum(self.covariance * self.position_gram) / len(self.white)
+        covariance = self.covariance if self.of_positions is None else self.of_positions
+        total_m2 = np.sum(covariance * self.position_gram) / len(self.white)
         return float(1e3 * np.sqrt(max(total_m2, 0.0)))
 
     @property

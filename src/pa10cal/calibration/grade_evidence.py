@@ -69,6 +69,8 @@ class GradeEvidence:
     turned_rad: float | None = None
     # the campaign of a group that alone is noisier than stated; None for none
     noisy_campaign: NoisyCampaign | None = None
+    # tilts of parallel axes that the readings do not show and the fit left at zero, by name
+    not_shown: tuple[str, ...] = ()
 
     @cached_property
     def poses(self) -> records.PosesNeeded:

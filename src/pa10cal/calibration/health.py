@@ -85,15 +85,24 @@ def graded(evidence: GradeEvidence) -> tuple[records.Grade, str, tuple[records.I
         return "few_poses", f"{uncertain}; {errors}{remarks}", ()
     if evidence.u_model_mm > GRADES.small_share * evidence.error_mm:
         remarks = (
-            f"; predicted positions have a standard uncertainty of {evidence.u_promised_mm:.3f} mm"
-            f"{remarks}"
+            f"; predicted positions have a standard uncertainty of {evidence.u_promised_mm:.3f} mm "
+            f"in the frame of the instrument{remarks}"
         )
     return (
         "good",
         f"{errors}{_beside_noise(evidence)}; everything that such an instrument can determine is "
-        f"determined (rank {evidence.rank}){remarks}",
+        f"determined (rank {evidence.rank}){_not_shown(evidence)}{remarks}",
         (),
     )
+
+
+def _not_shown(evidence: GradeEvidence) -> str:
+    """Return which tilts these poses do not show, so that the fit left them at zero."""
+    names = evidence.not_shown
+    if not names:
+        return ""
+    what = "tilt" if len(names) == 1 else "tilts"
+    return f" but for the {what} that these poses do not show, taken as zero: {_listed(names)}"
 
 
 def _first(findings: Sequence[records.InputFinding]) -> str:

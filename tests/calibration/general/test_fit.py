@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from calibrated import general
-from pa10cal.calibration.general.case import fitted, suspected_outliers
+from pa10cal.calibration.general.case import fit_summary, fitted, suspected_outliers
 from pa10cal.observe.points import Distance, Points
 from pa10cal.observe.pose import Pose
 
@@ -161,10 +161,15 @@ def test_intervals_are_those_with_the_tilts_that_were_left_at_zero(see):
     assert len(found.settled) == 3
     fit = found.fit
     rows = (fit.whitener @ found.problem.rows(fit.x).jacobian).reshape(-1, len(fit.x))
-    narrow = np.sqrt(np.diag(np.linalg.inv(rows.T @ rows)))
-    std = np.sqrt(np.diag(fit.covariance))
+    alone = np.linalg.inv(rows.T @ rows)
+    narrow = np.sqrt(np.diag(alone))
+    std = np.sqrt(np.diag(found.covariance_of_each))
     assert np.all(std > 0.99 * narrow)
     assert (std / narrow).max() > 1.2
+    # Predictions have those of the fit: what a tilt moves, other unknowns take up.
+    # So k unknowns share the noise of P poses.
+    expected_mm = 1e3 * NOISE_M * np.sqrt(len(fit.x) / 12)
+    assert fit_summary(found).u_positions_mm == pytest.approx(expected_mm, rel=0.3)
 
 
 def test_no_pose_counts_for_little_without_being_listed(see):

@@ -51,6 +51,18 @@ class GeneralCalibration(GeneralProblem):
     prior: PriorPart | None = None  # the prior, and what moved since; None without one
     # joints, from 1, with springs that the fit shows but that do not help to predict held-out poses
     unproven: tuple[int, ...] = ()
+    # (k, k) covariance of the unknowns beside the tilts that are zero; None where none is
+    beside_tilts: Array | None = None
+
+    @property
+    def covariance_of_each(self) -> Array:
+        """Return the covariance (k, k) that the uncertainty of each unknown alone is read from.
+
+        Whether tilts are zero that the readings do not show is not known, so each unknown keeps
+        what it is uncertain by beside them. Predictions do not: what an unknown is off by with a
+        tilt, others take up, which holds for the covariance of the fit alone.
+        """
+        return self.fit.covariance if self.beside_tilts is None else self.beside_tilts
 
 
 def calibrate_general(
@@ -85,13 +97,14 @@ def calibrate_general(
     logged = observations.states
     by_masses = bool(last.springs) and posed.torques_from == "masses"
     settled = tilts_not_shown(last.problem, last.found)
+    beside_tilts: Array | None = None
     if settled:
+        kept = np.array([each.name not in settled for each in last.problem.parameters])
+        beside_tilts = last.found.covariance[np.ix_(kept, kept)]
         last = _without_tilts(last, settled, fitted, logged if by_masses else None, payload)
     problem, found = last.problem, last.found
     if by_masses:
         problem, found = at_rest(problem, found, logged, payload, fitted)
-        if settled:
-            found = replace(found, covariance=last.found.covariance)  # see `_without_tilts`
     return GeneralCalibration(
         problem=problem,
         x_start=last.x_start,
@@ -102,6 +115,7 @@ def calibrate_general(
         settled=settled,
         fit=found,
         unproven=unproven,
+        beside_tilts=beside_tilts,
     )
 
 
@@ -152,8 +166,6 @@ def _without_tilts(
 ) -> SpringFit:
     """Return a fit in which some tilts of parallel axes, by name, are zero.
 
-    Whether they are zero is not known, so the others keep the uncertainty that they have with them.
-
     Args:
         states_as_logged: the states before torques were calculated; None where these stay.
     """
@@ -164,8 +176,7 @@ def _without_tilts(
         problem = _with_torques_at(problem, x_start, states_as_logged, payload)
     about, scatter = last.found.x[kept], last.found.scatter
     found = fitted(problem, x_start, scatter_start=scatter, about=about)
-    covariance = last.found.covariance[np.ix_(kept, kept)]
-    return SpringFit(problem, replace(found, covariance=covariance), last.springs, x_start)
+    return SpringFit(problem, found, last.springs, x_start)
 
 
 def _where_others_go(found: GeneralSolution, kept: Mask) -> Array:

@@ -11,7 +11,7 @@ import numpy as np
 from pa10cal.arm.chain import BASE
 from pa10cal.arm.description import weights_known
 from pa10cal.arm.statics import Payload
-from pa10cal.arrays import Mask
+from pa10cal.arrays import Array, Mask
 from pa10cal.calibration import accuracy, uncertainty
 from pa10cal.calibration.fit_summary import FitSummary, names_of
 from pa10cal.calibration.general.calibrate import GeneralCalibration, base_motion, calibrate_general
@@ -240,7 +240,7 @@ class _FittedCase:
 
         without_springs = None if self.geometry is full else self.of_geometry
         return GradeEvidence(
-            ended=_fit_summary(full),
+            ended=fit_summary(full),
             train_rms_mm=trusted_rms_mm(self.deviations),
             held_out=self.held_out_errors(),
             noise_mm=self.noise_mm,
@@ -266,6 +266,7 @@ class _FittedCase:
                 self.deviations.distance_mm[trusted],
                 full.problem.stated_covariance[~self.flagged[self.rows]],
             ),
+            not_shown=tuple(full.settled),
         )
 
 
@@ -339,7 +340,7 @@ def _parameters(
 ) -> dict[str, records.CalibratedParameter]:
     """Return every parameter with value, standard uncertainty, unit and tolerance."""
     problem, found, count = general.problem, general.fit, len(model.x)
-    assert model.covariance is not None
+    covariance = general.covariance_of_each
     unidentified = not_identifiable(found.identifiability, problem.parameters)
     report = model.model.report(model.x)
     depends = np.abs(report.jacobian) > 0  # reported parameters on those solved, (r, k)
@@ -350,7 +351,7 @@ def _parameters(
     held = depending_on(np.array([each.name in unidentified for each in problem.parameters]))
     at_bound = depending_on(found.at_bound)
     of_model = uncertainty.calibrated_parameters(
-        report, found.covariance[:count, :count], held, at_bound, model.model.u_scale
+        report, covariance[:count, :count], held, at_bound, model.model.u_scale
     )
     first = len(found.x) - len(problem.places)
     places = Report(problem.parameters[first:], found.x[first:], np.eye(len(problem.places)))
@@ -359,14 +360,14 @@ def _parameters(
     whole = len(problem.model.terms[-1].coordinates) == len(BASE)
     base = base_parameters(
         model.T_instr_base,
-        model.covariance[-6:, -6:],
+        _with_base(general, covariance)[-6:, -6:],
         problem.T_instr_base[:3, :3],
         () if whole else ("gamma_x", "gamma_y", "gamma_z"),
     )
     return {
         **not_zero,  # the cubic coefficients of linear springs are zero
         **base,
-        **uncertainty.calibrated_parameters(places, found.covariance[first:, first:], unidentified),
+        **uncertainty.calibrated_parameters(places, covariance[first:, first:], unidentified),
         **general.settled,
     }
 
@@ -396,10 +397,6 @@ def fitted(general: GeneralCalibration) -> FittedModel:
     of_model = problem.of_model(x)
     count = len(model.parameters)
     small = base_motion(problem.model, of_model[count:])
-    of_base = [count + BASE.index(name) for name in problem.model.terms[-1].coordinates]
-    rows = np.array([*range(count), *of_base], dtype=np.intp)
-    covariance = np.zeros((count + len(BASE),) * 2)
-    covariance[np.ix_(rows, rows)] = general.fit.covariance[: len(rows), : len(rows)]
     return FittedModel(
         model=model,
         x=about_moved_base(model.terms, of_model[:count], small),
@@ -408,10 +405,20 @@ def fitted(general: GeneralCalibration) -> FittedModel:
         R_first_target_of=problem.observations.measured.R_first_target_of,
         targets_m=problem.places_at(x),
         target_names=problem.observations.measured.target_names,
-        covariance=covariance,
+        covariance=_with_base(general, general.fit.covariance),
         payload=general.payload,
         seen=angles_seen(problem.observations.states.q_rad),
     )
+
+
+def _with_base(general: GeneralCalibration, covariance: Array) -> Array:
+    """Return a covariance of the unknowns (k, k) as that of a model's parameters and its base."""
+    *terms, of_base = general.problem.model.terms
+    count = len(Model(general.problem.model.chain, tuple(terms)).parameters)
+    rows = [*range(count), *(count + BASE.index(name) for name in of_base.coordinates)]
+    whole = np.zeros((count + len(BASE),) * 2)
+    whole[np.ix_(rows, rows)] = covariance[: len(rows), : len(rows)]
+    return whole
 
 
 def with_discrepancy(general: GeneralCalibration) -> FittedModel:
@@ -421,7 +428,8 @@ def with_discrepancy(general: GeneralCalibration) -> FittedModel:
     return replace(model, discrepancy=discrepancy_of(model, poses, expected))
 
 
-def _fit_summary(general: GeneralCalibration) -> FitSummary:
+def fit_summary(general: GeneralCalibration) -> FitSummary:
+    """Return what a fit of the general model identified, and how well."""
     fit, problem = general.fit, general.problem
     parameters = problem.parameters
     unidentified = not_identifiable(fit.identifiability, parameters)
@@ -431,7 +439,7 @@ def _fit_summary(general: GeneralCalibration) -> FitSummary:
         # More poses do not determine weights that nobody stated, so these do not count. Springs and
         # lengths are correlated with them; a spring counts as identified if its windup is known all
         # the same, another unknown if it is known to a part of its typical size.
-        std = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
+        std = np.sqrt(np.maximum(np.diag(general.covariance_of_each), 0.0))
         of_windup, of_weights = problem.having("windup"), problem.having("weight")
         size = np.where(of_windup, fit.x, fit.scale)
         known = ~of_weights & np.less(std, GRADES.shown_share * size)
@@ -448,7 +456,8 @@ def _fit_summary(general: GeneralCalibration) -> FitSummary:
         parameters=parameters,
         roles=problem.roles,
         departures=problem.model.departures,
-        covariance=fit.covariance,
+        covariance=general.covariance_of_each,
+        of_positions=fit.covariance,
         identifiability=fit.identifiability,
         white=(root * fit.whitener) @ jacobian,
         position_gram=position_gram,
