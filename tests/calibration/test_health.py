@@ -266,9 +266,6 @@ def test_departures_that_held_out_poses_confirm_are_what_was_found():
     (zero,) = found.departures
     assert (zero.kind, zero.where) == ("departure", "delta_theta_4")
     assert "joint 4 was mastered 1.99 deg off (69 tolerances), as held-out" in found.line
-    alone = health(mastered(np.radians(-1.99)), errors(held_out=None))
-    assert alone.grade == "suspect_input"
-    assert alone.departures == ()
     # So is a zero that a check of the input found, alone or beside it, and nothing else.
     both = health(mastered(np.radians(-1.99)), errors(findings=(ZERO,)))
     assert (both.grade, both.departures) == ("good", (ZERO, zero))
@@ -281,6 +278,28 @@ def test_departures_that_held_out_poses_confirm_are_what_was_found():
     assert health(ended(), errors(findings=(better,))).grade == "suspect_input"
     unheld = errors(findings=(GUESS,), held_out=None)
     assert health(ended(), unheld).grade == "suspect_input"
+
+
+def test_where_none_are_held_out_poses_that_fit_to_the_noise_confirm_a_zero():
+    fit, few = mastered(np.radians(-1.99)), HeldOut(accuracy(0.017, 0.03, 0.0173, 4))
+    for held_out in (None, few):
+        found = health(fit, errors(held_out=held_out))
+        assert (found.grade, found.findings) == ("good", ())
+        assert [each.where for each in found.departures] == ["delta_theta_4"]
+        assert "(69 tolerances), as poses that fit to the noise show" in found.line
+    for doubt in ({"train_rms_mm": 0.04}, {"train_rms_mm": 0.005}, {"noise_mm": None}):
+        found = health(fit, errors(held_out=None, **doubt))
+        assert (found.grade, found.departures) == ("suspect_input", ())
+    taken = ended(poses=6, unknowns=12)
+    x = np.where(np.arange(12) == 0, np.radians(-1.99), 0.0)
+    parameters = (fit.parameters[0], *taken.parameters[1:])
+    taken = replace(taken, parameters=parameters, departures=fit.departures)
+    taken = replace(taken, solution=replace(taken.solution, x=x))
+    assert health(taken, errors(held_out=None)).grade == "suspect_input"
+    # A length of another arm is no matter of mastering.
+    assert health(off([0.0, 200.0]), errors(held_out=None)).grade == "suspect_input"
+    zero = health(ended(), errors(findings=(ZERO,), held_out=None))
+    assert (zero.grade, zero.departures) == ("good", (ZERO,))
 
 
 def test_nothing_is_confirmed_by_a_fit_that_did_not_converge():

@@ -166,20 +166,36 @@ class GradeEvidence:
 
     @cached_property
     def departures(self) -> tuple[records.InputFinding, ...]:
-        """Return the departures that no arm was built with, where held-out poses confirm them.
+        """Return the departures that no arm was built with, where poses confirm them.
 
-        Zeros that the checks of the input found come first, in place of the fit's own departure of
-        that joint's zero: these say what to set.
+        Held-out poses confirm all of them; where none are held out, poses that fit to the noise
+        confirm zeros of joints. Zeros that the checks of the input found come first, in place of
+        the fit's own departure of that joint's zero: these say what to set.
         """
-        if not self.confirmed:
+        if not (self.confirmed or self.fits_to_noise):
             return ()
         zeros = self.zeros_off
         others = (
             each
             for each in self.large_departures
-            if not any(_is_of_zero(each, zero) for zero in zeros)
+            if (self.confirmed or _MASTERED in each.what)
+            and not any(_is_of_zero(each, zero) for zero in zeros)
         )
         return (*zeros, *others)
+
+    @property
+    def fits_to_noise(self) -> bool:
+        """Return whether poses that leave nothing but noise stand in for held-out ones.
+
+        None are held out then, or too few, and the readings are twice as many as the unknowns.
+        """
+        held_out, over = self.held_out, self.over_noise
+        if held_out is not None and held_out.accuracy.configurations >= GRADES.few_held_out:
+            return False
+        if not self.ended.solution.converged or over is None or self.below_noise:
+            return False
+        enough = self.rows >= GRADES.rows_an_unknown * self.ended.taken
+        return enough and not self.misfits_arm and over <= self.most_over_noise
 
     @property
     def zeros_off(self) -> tuple[records.InputFinding, ...]:

@@ -132,15 +132,15 @@ def _compared(evidence: GradeEvidence) -> str:
 
 
 def _is_settled(finding: records.InputFinding, evidence: GradeEvidence) -> bool:
-    """Return whether held-out poses confirm what a check found as a departure, or refute it.
+    """Return whether poses confirm what a check found as a departure, or refute it.
 
     A sign, order or coupling of joints that would leave a larger error than the confirmed model
     cannot be right.
     """
+    if finding in evidence.departures:
+        return True
     if not evidence.confirmed:
         return False
-    if finding in evidence.zeros_off:
-        return True
     left_mm = finding.would_leave_mm
     return finding.kind in _OF_JOINTS and left_mm is not None and left_mm > evidence.train_rms_mm
 
@@ -186,7 +186,8 @@ def _suspected(evidence: GradeEvidence) -> Iterator[records.InputFinding]:
         )
     yield from _stated(evidence)
     if not evidence.confirmed:
-        yield from evidence.large_departures
+        confirmed = evidence.departures
+        yield from (each for each in evidence.large_departures if each not in confirmed)
 
 
 def _stated(evidence: GradeEvidence) -> Iterator[records.InputFinding]:
@@ -328,7 +329,8 @@ def _remarks(evidence: GradeEvidence) -> Iterator[str]:
         more = f" ({len(departures) - 1} more in health.departures)" if departures[1:] else ""
         first = departures[0]
         remedy = f"; {first.remedy}" if first.kind == "joint_zero" else ""
-        yield f"{first.where}: {first.what}, as held-out poses confirm{more}{remedy}"
+        by = "held-out poses confirm" if evidence.confirmed else "poses that fit to the noise show"
+        yield f"{first.where}: {first.what}, as {by}{more}{remedy}"
     if evidence.noisy_campaign is not None:
         yield str(evidence.noisy_campaign)
     if evidence.below_noise and not (evidence.repeats or evidence.noise_is_found):

@@ -39,6 +39,9 @@ class Grades:
     # model (measured)
     confirmed_ratio: float = 2.0
     few_held_out: int = 5  # held-out poses that it takes for that (statistics)
+    # readings for each degree of freedom taken with which poses that fit to the noise stand in for
+    # them, where none are held out (statistics)
+    rows_an_unknown: float = 2.0
     # a joint off by whole turns of its motor is off by them to within this part of a turn (size)
     of_a_turn: float = 0.1
     # a length whose sign is wrong is off by twice itself, to within this part of it (size)
