@@ -133,6 +133,22 @@ def test_a_row_of_nan_follows_the_row_before_and_a_seed_chooses_the_branch():
     np.testing.assert_allclose(found.q[2], found.q[1], atol=1e-9)
 
 
+@pytest.mark.parametrize("robot", ["ur10", "irb120"])
+def test_a_seed_that_reaches_its_pose_is_kept_where_the_wrist_is_nearly_straight(robot):
+    # There the branches of the arm as designed are far from those of the calibrated one.
+    model = fitted(robot, 3, links)
+    q = np.clip(postures(model.arm, 5, 300), -1.5, 1.5)
+    q[:, 4] = np.radians(np.linspace(-1.0, 1.0, len(q)))
+    T = model.predict(q).T
+    found = model.compensate(T, seed=q)
+    np.testing.assert_allclose(found.q, q, atol=1e-6)
+    assert set(found.status) <= {"ok", "near_singular"}
+    assert set(found.branch) == {"nearest"}
+    # A seed that reaches the pose but for a tenth of what counts as reached keeps it, too.
+    T[:, :3, 3] += 1e-7
+    assert np.abs(model.compensate(T, seed=q).q - q).max() < 0.1
+
+
 def test_a_seed_keeps_its_branch_where_the_calibrated_arm_just_misses_the_pose():
     # Nearly stretched, the arm as designed reaches poses that the calibrated one does not: turned
     # round by half a turn it may, which nobody who gave a seed wants without being told.

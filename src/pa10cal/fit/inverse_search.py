@@ -2,9 +2,9 @@
 
 The model with all its terms is searched, all poses at once, with steps damped in proportion to the
 square of the difference (Sugihara 2011). Where the branches of the arm as designed are known in
-closed form, the search starts from the nearest; else from the pose before, and at last from
-postures drawn within the joint limits. Positions are those of the m axes that the controller
-counts, see `arm.coupling`.
+closed form, the search starts from the nearest, and from the seed that the user gave; else from the
+pose before, and at last from postures drawn within the joint limits. Positions are those of the m
+axes that the controller counts, see `arm.coupling`.
 """
 
 from __future__ import annotations
@@ -96,7 +96,7 @@ class InverseSearch:
         self.branches = branches_of(arm) if len(self._slides) == arm.n else None
 
     def on_branches(self, seeds: Array, requested: Mask) -> tuple[Array, Mask]:
-        """Search from the branches of the arm as designed, nearest to seed or row before.
+        """Search from the seeds, and from the branches as designed nearest to seed or row before.
 
         Args:
             seeds: (N, m) joint positions, nan where there is none.
@@ -129,7 +129,36 @@ class InverseSearch:
             kept = rows[better]
             q[kept], done[kept], accepted[kept] = q_next[better], True, within[better]
             other[kept] = True
+        rows = np.flatnonzero(requested & np.isfinite(seeds).all(axis=1))
+        if len(rows):
+            found, better = self._from_seeds(rows, seeds[rows], q[rows], done[rows], accepted[rows])
+            swung = self._jumps(found, seeds[rows]) & (other[rows] | ~accepted[rows])
+            kept = rows[better]
+            q[kept], other[kept] = found[better], swung[better]
         return q, other
+
+    def _from_seeds(
+        self, rows: Index, seeds: Array, q: Array, done: Mask, accepted: Mask
+    ) -> tuple[Array, Mask]:
+        """Search from the seeds themselves, and compare with positions that branches led to.
+
+        Near a singularity branches of the arm as designed are far from those of the calibrated
+        arm, and the search from them may end far from a seed that reaches the pose.
+
+        Args:
+            rows: R poses.
+            seeds: (R, m) their seeds.
+            q: (R, m) what branches led to, done if it reaches the pose, accepted if it is kept.
+
+        Returns:
+            Joint positions (R, m), and which of them are to be taken in place of q.
+        """
+        found, reaches = self.newton(rows, seeds)
+        found = self.turned_near(found, seeds)
+        within = within_limits(found, self._low, self._high)
+        nearer = np.linalg.norm(found - seeds, axis=1) < np.linalg.norm(q - seeds, axis=1)
+        nearer |= ~done & ~self._jumps(found, seeds)
+        return found, reaches & np.where(accepted, within & nearer, within | ~done)
 
     def _branches_as_designed(self) -> _Branches:
         """Return all branches of the arm as designed that bring the calibrated frame near T."""
