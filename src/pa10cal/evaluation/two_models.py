@@ -8,7 +8,7 @@ one of the tool are fitted and removed first.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import fields
 from typing import NamedTuple
 
@@ -30,10 +30,10 @@ from pa10cal.results import comparison as results
 from pa10cal.results.calibration import UNRESERVED
 from pa10cal.rules import COMPARED
 
-#: Fields of an arm that are not of its layout, and may differ between two models.
-_OTHERS = ("limits_rad", "gear_ratio", "torque_limit_Nm", "mass_kg", "com_m")
-#: Keys of an arm's description, as a model's file has it, that are compared as they are written.
-_WRITTEN = ("coupling", "controller")
+#: Numbers of an arm beside its layout, in which the arms of two models may differ.
+_NOT_OF_LAYOUT = ("limits_rad", "gear_ratio", "torque_limit_Nm", "mass_kg", "com_m")
+#: Parts of an arm that are no numbers: compared as the file of a model describes them.
+_AS_IN_FILE = ("coupling", "controller")
 #: Postures compared, and the seed of their draw (computing).
 POSTURES, SEED = 400, 1
 #: Steps of the fit of base and tool (computing).
@@ -51,7 +51,8 @@ def compare_models(
     """
     refuse_other_layout(first.arm, second.arm, names)
     predicting = predicting_model(first), predicting_model(second)
-    q = _postures(*predicting)
+    common = _common_intervals(*predicting)
+    q = _postures(common)
     # Postures alternate between no load and the heaviest that both models have been fitted to.
     heaviest = [max(m.fitted_to.loads_N, default=0.0) for m in (first, second) if m.fitted_to]
     common_load_N = min(heaviest) if len(heaviest) == 2 else 0.0
@@ -59,9 +60,12 @@ def compare_models(
     load_N = np.resize(loads_N, len(q))  # repeats them in turn
     compared = (FLANGE, TOOL_FRAME) if len(q) else ()
     frames = {frame: _compared_frame(*predicting, frame, q, load_N) for frame in compared}
-    agree, line = _judged(frames, predicting, names)
-    moved = what_moved(first, second)
-    if agree and moved is not None and moved.verdict not in ("unchanged", "base_or_tool_moved"):
+    if frames:
+        agree, line = _judged(frames[FLANGE], predicting, names)
+    else:
+        agree, line = None, _no_common_angles(common)
+    found = what_moved(first, second)
+    if agree and found is not None and found.verdict not in ("unchanged", "base_or_tool_moved"):
         line += "; a part of the arm moved, which changes poses by less than that"
     return results.ComparisonRecord(
         first=_about(first, second, names[0]),
@@ -73,15 +77,15 @@ def compare_models(
         frames=frames,
         agree=agree,
         line=line,
-        what_moved=moved,
+        what_moved=found,
     )
 
 
 def _described_otherwise(first: FittedModel, second: FittedModel) -> tuple[str, ...]:
     """Return the fields of arm and payload that differ between the models' descriptions."""
-    pairs = {name: (getattr(first.arm, name), getattr(second.arm, name)) for name in _OTHERS}
+    pairs = {name: (getattr(first.arm, name), getattr(second.arm, name)) for name in _NOT_OF_LAYOUT}
     plain = [arm_to_plain(model.arm) for model in (first, second)]
-    written = [name for name in _WRITTEN if plain[0].get(name) != plain[1].get(name)]
+    in_file = [name for name in _AS_IN_FILE if plain[0].get(name) != plain[1].get(name)]
     payloads = first.payload, second.payload
     if None in payloads:
         pairs["payload"] = payloads
@@ -89,7 +93,7 @@ def _described_otherwise(first: FittedModel, second: FittedModel) -> tuple[str, 
         # For a group, the payload of its first campaign is compared.
         names = [field.name for field in fields(Payload) if field.name != "of_campaigns"]
         pairs |= {f"payload.{name}": tuple(getattr(p, name) for p in payloads) for name in names}
-    return (*(name for name, pair in pairs.items() if not _same(*pair)), *written)
+    return (*(name for name, pair in pairs.items() if not _same(*pair)), *in_file)
 
 
 def _same(mine: object, theirs: object) -> bool:
@@ -123,7 +127,7 @@ def _parameters(first: FittedModel, second: FittedModel) -> results.ParameterRow
     in_first, in_second = _estimates(first), _estimates(second)
     # Each model counts rotations of the tool from the orientation that its own fit began with.
     same_start = np.allclose(first.R_ee_target, second.R_ee_target, rtol=0, atol=COMPARED.same)
-    absent = _Estimate(np.nan, np.nan, np.nan)
+    absent = _Estimate(np.nan, np.nan, typical=np.nan)  # counts as not determined
     rows = []
     for key in dict.fromkeys((*in_first, *in_second)):
         term, of, parameter, unit = key
@@ -153,16 +157,16 @@ class _Estimate(NamedTuple):
     """A reported parameter of a fitted model."""
 
     value: float
-    std: float
-    scale: float
+    std: float  # its standard uncertainty
+    typical: float  # its typical size
 
     @property
     def determined(self) -> bool:
-        """Return whether its uncertainty is more than rounding.
+        """Return whether the uncertainty is more than rounding.
 
-        It is rounding where no pose determines the parameter, and at an end of its range.
+        It is only rounding where no pose determines the parameter, or it is at an end of its range.
         """
-        return self.std > COMPARED.same * max(self.scale, abs(self.value))
+        return self.std > COMPARED.same * max(self.typical, abs(self.value))
 
 
 def _estimates(model: FittedModel) -> dict[tuple[str, str, str, str], _Estimate]:
@@ -175,18 +179,17 @@ def _estimates(model: FittedModel) -> dict[tuple[str, str, str, str], _Estimate]
     }
 
 
+def _no_common_angles(common: Sequence[Array]) -> str:
+    """Return why two models cannot be judged that have no common positions of some joints."""
+    joints = [str(joint) for joint, intervals in enumerate(common, 1) if not len(intervals)]
+    of = f"joint{'s' if len(joints) > 1 else ''} {', '.join(joints)}"
+    return f"whether the models agree cannot be judged: they have seen no common angles of {of}"
+
+
 def _judged(
-    frames: Mapping[str, results.ComparedFrame],
-    models: tuple[Fitted, Fitted],
-    names: tuple[str, str],
+    flange: results.ComparedFrame, models: tuple[Fitted, Fitted], names: tuple[str, str]
 ) -> tuple[bool | None, str]:
     """Return whether two models agree, and the sentence that says so."""
-    if not frames:
-        return None, (
-            "whether the models agree cannot be judged: there is a joint of which they have seen "
-            "no common angles"
-        )
-    flange = frames[FLANGE]
     apart = (
         f"their flanges differ by {flange.remaining_rms_mm:.3f} mm rms "
         f"({flange.remaining_peak_mm:.3f} mm at most) and {flange.remaining_deg:.4f} deg, base and "
@@ -219,27 +222,39 @@ def _judged(
 # Differences in the predicted poses of a frame, and those expected of the covariances.
 
 
-def _postures(first: Fitted, second: Fitted) -> Array:
-    """Return postures (P, n) drawn from the joint positions at which both models are valid.
+def _common_intervals(first: Fitted, second: Fitted) -> list[Array]:
+    """Return for each joint the intervals (m, 2) of positions at which both models are valid.
 
-    Coverage is known joint by joint, so the joints are drawn independently. Empty where there is a
-    joint of which they have seen no common positions.
+    They are within the limits of both arms. Where the file of a model lacks the limits of a joint,
+    they are taken to be a turn to either side; of a joint that slides, what the poses visited, or a
+    metre to either side.
     """
-    ranges = first.arm.joint_ranges_rad
-    # The file of a model may lack limits: then a turn to either side.
-    ranges = np.where(np.isfinite(ranges), ranges, [-2.0 * np.pi, 2.0 * np.pi])
-    rng = np.random.default_rng(SEED)
-    drawn = []
-    for joint, joint_range in enumerate(ranges):
-        common = joint_range[None]
+    slides = first.arm.prismatic
+    unlimited = np.where(slides, np.inf, 2.0 * np.pi)[:, None] * [-1.0, 1.0]
+    ranges = [
+        np.where(np.isfinite(arm.joint_ranges_rad), arm.joint_ranges_rad, unlimited)
+        for arm in (first.arm, second.arm)
+    ]
+    common = []
+    for joint, (one, other) in enumerate(zip(*ranges, strict=True)):
+        intervals = overlaps(one[None], other[None])
         for model in (first, second):
             for coverage in (model.seen, model.falls_back.within if model.falls_back else None):
                 if coverage is not None:
-                    common = overlaps(common, coverage.intervals_within(joint, *joint_range))
-        if not len(common):
-            return np.zeros((0, first.arm.n))
-        drawn.append(_drawn_from(common, rng))
-    return np.column_stack(drawn)
+                    intervals = overlaps(intervals, coverage.intervals_within(joint, *one))
+        common.append(intervals if np.isfinite(intervals).all() else np.clip(intervals, -1.0, 1.0))
+    return common
+
+
+def _postures(common: Sequence[Array]) -> Array:
+    """Return postures (P, n) drawn from the intervals of each joint; empty where one has none.
+
+    Coverage is known joint by joint, so the joints are drawn independently.
+    """
+    if not all(map(len, common)):
+        return np.zeros((0, len(common)))
+    rng = np.random.default_rng(SEED)
+    return np.column_stack([_drawn_from(intervals, rng) for intervals in common])
 
 
 def _drawn_from(intervals: Array, rng: np.random.Generator) -> Array:
@@ -284,9 +299,9 @@ def _compared_frame(
     T_one, modes_one = _predicted(first, frame, q, load_N, temperature_C)
     T_other, modes_other = _predicted(second, frame, q, load_N, temperature_C)
     apart_mm, apart_deg = _apart(T_one, T_other)
-    moved = _moved_onto(T_other, T_one)
-    remaining_mm, remaining_deg = _apart(T_one, moved)
-    explained_mm, _ = _apart(moved, T_other)  # the part by which base and tool moved it
+    T_moved = _moved_onto(T_other, T_one)
+    remaining_mm, remaining_deg = _apart(T_one, T_moved)
+    base_and_tool_mm, _ = _apart(T_moved, T_other)
     expected_mm = expected_deg = chance = None
     if modes_one is not None and modes_other is not None:
         modes = np.concatenate([modes_one, modes_other], axis=2)
@@ -294,13 +309,13 @@ def _compared_frame(
         expected_m, chance_m = _expected(of_positions, 1e-3 * remaining_mm)
         expected_rad, chance_rad = _expected(of_rotations, np.radians(remaining_deg))
         expected_mm, expected_deg = 1e3 * expected_m, float(np.degrees(expected_rad))
-        chances = chance_m, chance_rad
-        chance = min(1.0, len(chances) * min(chances))  # Bonferroni
+        chances = [each for each in (chance_m, chance_rad) if each is not None]
+        chance = min([1.0, *(len(chances) * each for each in chances)])  # Bonferroni
     return results.ComparedFrame(
         rms_mm=rms(apart_mm),
         peak_mm=float(apart_mm.max()),
         orientation_deg=rms(apart_deg),
-        base_and_tool_mm=rms(explained_mm),
+        base_and_tool_mm=rms(base_and_tool_mm),
         remaining_rms_mm=rms(remaining_mm),
         remaining_peak_mm=float(remaining_mm.max()),
         remaining_deg=rms(remaining_deg),
@@ -357,8 +372,11 @@ def _without_base_and_tool(motions: Array, T: Array) -> tuple[Array, Array]:
     return positions - columns @ fitted, rotations.reshape(-1, count)
 
 
-def _expected(error_modes: Array, remaining: Array) -> tuple[float, float]:
+def _expected(error_modes: Array, remaining: Array) -> tuple[float, float | None]:
     """Return the expected rms of differences, and the probability of larger ones than these (P,).
+
+    The probability is None where both are rounding: differences that base and tool explain in every
+    posture, as those of orientation do where all joints slide.
 
     The outer product of `error_modes` (3 P, k) is their covariance C. Their sum of squares S is a
     weighted sum of chi-square variables with mean tr C and variance 2 tr C²; S tr C / tr C² is
@@ -368,6 +386,8 @@ def _expected(error_modes: Array, remaining: Array) -> tuple[float, float]:
     trace, trace_of_square = float(np.trace(inner)), float(np.sum(inner**2))
     sum_of_squares = float(np.sum(remaining**2))
     expected = float(np.sqrt(trace / len(remaining)))
+    if max(rms(remaining), expected) < COMPARED.same:
+        return expected, None
     if trace_of_square == 0.0:
         return expected, float(sum_of_squares == 0.0)
     dof, scaled = trace**2 / trace_of_square, sum_of_squares * trace / trace_of_square

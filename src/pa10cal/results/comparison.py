@@ -58,7 +58,8 @@ class ComparedFrame(record.Part):
     expected_mm: float | None
     expected_deg: float | None  # angle that should remain, rms [deg]; likewise
     # probability that so much or more remains between two models of the same arm, of place and
-    # orientation the less likely, twice; null where an uncertainty is not known
+    # orientation the less likely, twice; of the other alone where one can only be explained by base
+    # and tool; null where an uncertainty is not known
     chance: float | None
 
 
