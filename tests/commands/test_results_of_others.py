@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import json
+import re
 import shutil
 from pathlib import Path
 from typing import get_type_hints
@@ -291,6 +292,20 @@ def test_readings_do_not_count_twice_from_another_place_either(made, tmp_path, c
         words = ["chain", "--campaign-dir", *raw, "--results", str(tmp_path / name)]
         assert main([*words, "--settings", settings]) == 2
         assert "the same readings would count twice" in capsys.readouterr().err
+
+
+def test_the_same_readings_under_another_name_do_not_count_twice(made, tmp_path, capsys):
+    raw = shutil.copytree(made / "raw/a", tmp_path / "copy")
+    text = (raw / "campaign.yaml").read_text("utf-8")
+    write_text(raw / "campaign.yaml", text.replace("name: a", "name: copy"))
+    old = shutil.copytree(made / "results/a/model", tmp_path / "old")
+    model = (old / "model.yaml").read_text("utf-8")
+    write_text(old / "model.yaml", re.sub(r"\n  readings: .*", "", model))
+    for number, prior in enumerate((made / "results/a", old)):
+        settings = json.dumps({"calibration": {"prior": str(prior)}})
+        words = ["chain", "--campaign-dir", str(raw), "--results", str(tmp_path / str(number))]
+        assert main([*words, "--settings", settings]) == 2
+        assert "the same readings would count twice (got 'a')" in capsys.readouterr().err
 
 
 def test_a_changed_prior_is_calibrated_from_anew(made, tmp_path):

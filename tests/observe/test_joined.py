@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from tests.observe.test_instruments import KINDS, about, measured
 
-from made_up_poses import frames
+from made_up_poses import at_rest, frames
 from pa10cal.errors import CalibrationError
 from pa10cal.observe.joined import Joined
+from pa10cal.observe.observations import Observations, reading_checksums
 from pa10cal.observe.quantities import StatedByCampaign
 
 PAIRS = [
@@ -100,6 +103,28 @@ def test_averages_ideals_and_readouts_are_those_of_each_campaign(kinds):
     np.testing.assert_allclose(ideal.compare(T, targets_m).residual, 0.0, atol=1e-12)
     assert found.readout(T, targets_m).pose_by_targets.shape[0] == len(T)
     assert found.by_stated_targets.shape[:2] == found.components_seen.shape
+
+
+@pytest.mark.parametrize("kinds", PAIRS)
+def test_readings_have_the_same_checksum_alone_and_in_a_group(kinds):
+    rng = np.random.default_rng(6)
+    found, T, _ = joined(kinds, rng)
+    label = np.array([f"P{number}" for number in range(len(T))])
+    states = at_rest(rng.normal(size=(len(T), 6)), campaign=found.campaign)
+    group = Observations.single(label, states, found.in_frame(frames(rng, 1)[0]))
+    alone = [
+        reading_checksums(
+            Observations.single(
+                label[found.campaign == k],
+                replace(states.take(found.campaign == k), campaign=None),
+                part,
+            )
+        )
+        for k, part in enumerate(found.parts)
+    ]
+    assert reading_checksums(group) == (*alone[0], *alone[1])
+    again, _, _ = joined(kinds, rng)  # the same poses, read anew
+    assert set(reading_checksums(replace(group, measured=again))).isdisjoint(alone[0] + alone[1])
 
 
 def test_positions_are_those_of_every_campaign():

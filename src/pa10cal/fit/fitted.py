@@ -21,7 +21,7 @@ from pa10cal.errors import ModelError
 from pa10cal.fit.loads import with_torques
 from pa10cal.fit.validity import AngleCoverage, Discrepancy
 from pa10cal.observe.instrument import Instrument
-from pa10cal.observe.observations import Observations
+from pa10cal.observe.observations import Observations, reading_checksums
 from pa10cal.observe.quantities import Comparison, Deviations
 from pa10cal.results.calibration import Health, InputFinding
 from pa10cal.results.record import CampaignIdentity, Part
@@ -63,6 +63,9 @@ class FittedTo(Part):
     suspicions: tuple[InputFinding, ...] = Field((), exclude_if=lambda found: not found)
     # why its suspected outliers show that the model lacks something
     outliers_show: str = Field("", exclude_if=lambda text: not text)
+    # checksums of its readings, one for each load, of a group of each campaign; empty where not
+    # known
+    readings: tuple[str, ...] = Field((), exclude_if=lambda sums: not sums)
 
     @classmethod
     def of(
@@ -89,6 +92,7 @@ class FittedTo(Part):
             suspicions=health.findings,
             outliers_show=health.outliers_show,
             loads_N=tuple(map(float, np.unique(states.load_N))),
+            readings=reading_checksums(poses),
         )
 
     def confirmed(self) -> FittedTo:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Generic, Literal, cast
@@ -28,6 +29,10 @@ KINDS = ("line_x", "line_y", "grid", "holdout")
 _AVERAGED = (
     *("q_rad", "tau_Nm", "arrival", "temperature_C", "time_s", "moved", "move_share", "move_end_m"),
 )
+
+
+#: Joint positions [rad, m] and distances [m] that differ by less are the same reading (computing).
+_SAME = 1e-7
 
 
 @dataclass(frozen=True)
@@ -238,6 +243,25 @@ def reading_groups(single: Observations, cuts_s: Sequence[float] = ()) -> Index:
     part = part_of(single.states.time_s, cuts_s)
     code = (label * len(loads) + load) * (len(cuts_s) + 1) + part
     return np.asarray(np.unique(code, return_inverse=True)[1], dtype=np.intp)
+
+
+def reading_checksums(poses: Observations) -> tuple[str, ...]:
+    """Return a checksum of the averaged readings under each load, of a group of each campaign.
+
+    It is of joint positions and of distances of the measured places from their centre: the frame
+    of the instrument, times and stated uncertainties do not change it.
+    """
+    checksums = []
+    for part in poses.by_campaign().values() or [poses]:
+        for load_N in np.unique(part.states.load_N):
+            rows = part.states.load_N == load_N
+            places_m = part.measured.places_m[rows]
+            seen_m = places_m[np.isfinite(places_m).all(axis=2)]
+            distance_m = np.linalg.norm(seen_m - seen_m.sum(axis=0) / max(len(seen_m), 1), axis=1)
+            numbers = np.concatenate([np.ravel(part.states.q_rad[rows]), distance_m])
+            rounded = np.rint(numbers / _SAME).astype("<i8")
+            checksums.append(hashlib.sha256(rounded.tobytes()).hexdigest()[:32])
+    return tuple(checksums)
 
 
 def part_of(time_s: Array, cuts_s: Sequence[float]) -> Index:

@@ -47,7 +47,7 @@ from pa10cal.fit.moved import (
 from pa10cal.fit.problem import GaussianPrior, Problem, disagreement
 from pa10cal.fit.uncertain_weights import unknown_tool, weight_sizes
 from pa10cal.numerics.gaussian import Gaussian
-from pa10cal.observe.observations import Observations
+from pa10cal.observe.observations import Observations, reading_checksums
 from pa10cal.observe.quantities import Start
 from pa10cal.results.calibration import Moved, PriorPart
 from pa10cal.results.number_text import HALF_WIDTH_95
@@ -92,22 +92,29 @@ def refuse_own_readings(
     """Refuse a prior that was fitted to the poses to be fitted: their noise would count twice.
 
     Raises:
-        CalibrationError: when the prior is of a campaign of this name with as many poses between
-            the same times, or of a member of the group.
+        CalibrationError: when the prior is of the same readings under some load, whatever name
+            they have; of a member of the group; or of as many poses between the same times, and of
+            a campaign of this name, or, where it has no checksums of its readings, of these poses.
     """
     of, time_s = model.fitted_to, poses.states.time_s
     if of is None:
         return
     of_prior = np.array([of.poses, *of.time_s])
     of_poses = np.array([len(poses), time_s.min(), time_s.max()])
-    same = of.campaign == campaign.name and np.array_equal(of_prior, of_poses, equal_nan=True)
+    same = not set(of.readings).isdisjoint(reading_checksums(poses))
+    if np.array_equal(of_prior, of_poses, equal_nan=True):
+        same |= of.campaign == campaign.name
+        if not of.readings and model.discrepancy is not None:
+            kept = model.discrepancy.q[:, None]
+            same |= bool((kept == poses.states.q_rad).all(axis=2).any(axis=1).all())
     if same or of.campaign in [member.name for member in campaign.campaigns]:
         raise CalibrationError(
             "a campaign is not its own prior: the same readings would count twice",
             where="prior",
             value=of.campaign,
             allowed="the model of another campaign of the same arm",
-            remedy="omit the prior, or give the other campaign a name of its own",
+            remedy="omit the prior, or give the other campaign a name of its own; a copy of the "
+            "readings is no other campaign",
         )
 
 
