@@ -30,6 +30,7 @@ from pa10cal.reports.summary import CampaignSummary
 from pa10cal.results.codec import read, write
 from pa10cal.results.outcomes import ChainRecord, FleetRecord
 from pa10cal.running import workflow
+from pa10cal.running.failure import StageError
 from pa10cal.stages import readings
 from pa10cal.stages.pipeline import stages
 
@@ -217,6 +218,47 @@ def test_a_campaign_that_is_refused_leaves_nothing_that_looks_like_a_result(done
     assert "q3" in found.message
     assert [path.name for path in results.iterdir()] == ["chain.json"]
     assert "pa10cal chain: bad: ingest: " in capsys.readouterr().err
+
+
+def test_a_second_run_that_is_refused_leaves_no_results_of_the_first_after_that_stage(
+    done, tmp_path, capsys, monkeypatch
+):
+    results = shutil.copytree(done / "results/first", tmp_path / "out/irb120-points")
+    write_text(results / "report.html", "good")
+
+    def refused(*_):
+        (results / "calibration/combined.json").unlink()
+        message = "pa10cal calibrate: the prior is a model of another arm\n"
+        write_text(results / "logs/calibrate.log", message)
+        raise StageError("calibrate: the prior is a model of another arm")
+
+    monkeypatch.setattr(workflow, "run_workflow", refused)
+    assert main(["run", str(EXAMPLE), "--out", str(tmp_path / "out")]) == REFUSED
+    assert f"report so far: {results / 'report.html'}" in capsys.readouterr().err
+    assert "the prior is a model of another arm" in (results / "report.html").read_text("utf-8")
+    left = {path.name for path in results.iterdir()}
+    assert left == {"ingest", "seed", "logs", "report.html"}
+
+
+def test_a_prior_of_another_arm_is_refused_before_anything_is_started(campaign, done, capsys):
+    words = [str(campaign("mine")), "--prior", str(done / "results/first")]
+    assert run_command("run", [*words, "--out", str(done / "out")]) == REFUSED
+    assert "the prior is a model of another arm (got 'irb120')" in capsys.readouterr().err
+    assert not (done / "out").exists()
+
+
+def test_a_run_that_is_refused_before_any_stage_changes_nothing(done, tmp_path, monkeypatch):
+    results = shutil.copytree(done / "results/first", tmp_path / "out/irb120-points")
+    for name in ("figures", "tables", "pictures.json", "report.html"):
+        write_text(results / name, "of the first run")
+    before = sorted(results.rglob("*"))
+
+    def refused(*_):
+        raise StageError("another run is at work")
+
+    monkeypatch.setattr(workflow, "run_workflow", refused)
+    assert main(["run", str(EXAMPLE), "--out", str(tmp_path / "out")]) == REFUSED
+    assert sorted(results.rglob("*")) == before
 
 
 @pytest.mark.parametrize("below", ["", "results"])

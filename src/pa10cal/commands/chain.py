@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from pa10cal.command_settings import ChainOptions
 from pa10cal.errors import OutputError, Pa10calError, SettingsError, no_memory
-from pa10cal.files.output import MAKE_ROOM, no_room
+from pa10cal.files.output import MAKE_ROOM, no_room, remove_results
 
 if TYPE_CHECKING:
     from pa10cal.running.child import Send
@@ -67,7 +67,7 @@ def chain(
     if settings.calibration.prior is not None:  # before results that hold it are removed
         own = [results, *(results.parent / folder.name for folder in members)]
         check_prior(settings.calibration.prior, own)
-    _remove(results, ChainRecord.FILE, *_FOLDERS)
+    remove_results(results, ChainRecord.FILE, *_FOLDERS)
     child = in_child(partial(_run_stages, campaign_dir, results, name, dataset, source, settings))
     outcome = dict(child.sent)
     stage, folders = outcome.pop("stage", "import"), outcome.pop("folders", ())
@@ -83,7 +83,7 @@ def chain(
         outcome = {"status": "ended", "message": child.why}
     elif outcome.get("status") == "done":
         return
-    _remove(results, *folders)  # of the stage that did not come to its end
+    remove_results(results, *folders)  # of the stage that did not come to its end
     # Late: where all went well, only the child needs to import what writes records.
     from pa10cal.results.codec import write
     from pa10cal.running.failure import StageError
@@ -150,18 +150,3 @@ def _ended(error: Exception) -> dict[str, Any]:
     elif isinstance(error, OutputError):
         message = str(error)
     return {"status": "ended", "message": message}
-
-
-def _remove(results: Path, *names: str) -> None:
-    """Remove the files and folders of these names that are there."""
-    import shutil
-
-    from pa10cal.files.output import writing_into
-
-    with writing_into(results, "the results", "give another folder, or let it be written to"):
-        for name in names:
-            path = results / name
-            if path.is_dir() and not path.is_symlink():
-                shutil.rmtree(path)
-            else:
-                path.unlink(missing_ok=True)

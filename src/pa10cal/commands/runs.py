@@ -11,9 +11,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pa10cal.errors import Pa10calError, SettingsError
+from pa10cal.errors import CalibrationError, Pa10calError, SettingsError
 from pa10cal.files import ARMS
-from pa10cal.files.output import writing_into
+from pa10cal.files.output import remove_results, writing_into
 from pa10cal.running import workflow as running
 from pa10cal.running.display import RunDisplay
 from pa10cal.running.failure import StageError
@@ -21,10 +21,13 @@ from pa10cal.running.run_lock import run_lock
 
 if TYPE_CHECKING:
     from pa10cal.options import IngestOptions
+    from pa10cal.settings import Settings
 
 #: Campaigns with fewer bytes of raw files are read before the workflow starts: one that is not
 #: usable is refused at once.
 _SMALL_BYTES = 5_000_000
+#: What is made of all other results of a campaign.
+_DRAWN = ("figures", "tables", "pictures.json", "report.html")
 
 
 def run(
@@ -41,7 +44,8 @@ def run(
 
     Several folders of one robot are calibrated as one, a group, with the same results. Results that
     are up to date are not computed again. On a terminal the stages are shown while they run. If a
-    stage refuses, the report names it, with the results before it.
+    stage refuses, the report names it, with the results before it; an earlier run's results of
+    later stages are removed.
 
     Args:
         folders: raw files of a campaign, with campaign.yaml; of a group, one folder a campaign.
@@ -78,7 +82,8 @@ def run(
     used = running.settings_of([settings] if settings else [], over, where)
     _read_small_campaigns(folders, used.ingest, arms)
     if given := prior or (Path(used.calibration.prior) if used.calibration.prior else None):
-        file = _checked_prior(given, [out / each for each in (name, *names)])
+        results = [out / each for each in (name, *names)]
+        file = _checked_prior(given, results, folders[0], arms)
         over["calibration"] = {"prior": str(file.absolute())}
     config = {key: json.dumps(value) for key, value in over.items()}
     if beside_raw_files:
@@ -106,10 +111,14 @@ def run(
         try:
             running.run_workflow(workflow, display)
         except StageError as error:
-            described_in = folders[0] if group is None else out / name / "ingest"
-            report = _report_so_far(out / name, described_in, used.evaluation.calibration)
+            report = ""
+            if _remove_stale(out / name, tuple(links), used):
+                described_in = folders[0] if group is None else out / name / "ingest"
+                report = _report_so_far(out / name, described_in, used.evaluation.calibration)
             raise StageError(_with_real_paths(str(error), links) + report) from None
         fleet_record.unlink(missing_ok=True)
+        if used.calibration.effects != "named":  # of a run with the effects of the verdict
+            remove_results(out / name, "baseline")
 
     from pa10cal.reports.summary import paths, summarise, table
 
@@ -170,14 +179,24 @@ def _read_small_campaigns(
             read_campaign(folder, options, arms=arms)
 
 
-def _checked_prior(given: Path, results: Sequence[Path]) -> Path:
-    """Return the file of a prior; refuse one that is unsound or among the results to be made."""
-    from pa10cal.calibration.general.other_campaign import refuse_unsound
+def _checked_prior(given: Path, results: Sequence[Path], folder: Path, arms: Path | None) -> Path:
+    """Return the file of a prior.
+
+    One that is unsound, of another arm than the campaign of a folder, or among the results to be
+    made is refused.
+    """
+    from pa10cal.calibration.general.other_campaign import refuse_another_arm, refuse_unsound
+    from pa10cal.campaign.description import nominal_arm, read_description
     from pa10cal.fit.model_reading import load_model, model_file
     from pa10cal.planning.campaign import check_prior
 
     check_prior(given, results)
-    refuse_unsound(load_model(given))
+    model = load_model(given)
+    refuse_unsound(model)
+    try:
+        refuse_another_arm(model, nominal_arm(read_description(folder), folder, arms))
+    except CalibrationError as error:
+        raise error.within(str(given)) from None
     return model_file(given)
 
 
@@ -203,17 +222,32 @@ def _with_real_paths(message: str, links: Mapping[Path, Path]) -> str:
     return message
 
 
+def _remove_stale(results: Path, folders: tuple[Path, ...], used: Settings) -> bool:
+    """Remove what an earlier run made after the stage that refused; return whether one refused.
+
+    It would look like results of this run.
+    """
+    from pa10cal.command_settings import ChainOptions
+    from pa10cal.results.outcomes import ChainRecord
+    from pa10cal.stages.pipeline import lost_results, stages
+
+    sections = {name: getattr(used, name) for name in ChainOptions.model_fields}
+    lost = lost_results(stages(folders, results, ChainOptions(**sections)))
+    made = {path.relative_to(results).parts[0] for path in lost}
+    refused = bool(lost) or not all((results / name).exists() for name in _DRAWN)
+    if refused:
+        remove_results(results, *made, *_DRAWN, ChainRecord.FILE)
+    return refused
+
+
 def _report_so_far(results: Path, described_in: Path, load_case: str) -> str:
     """Write the report of a run that a stage ended, and return the words that name it, if any."""
     from pa10cal.reports.page import write_page
-    from pa10cal.reports.results_bundle import MODEL
 
     page = results / "report.html"
-    # Results with a model are those of an earlier run, perhaps of other raw files.
-    if not (results / MODEL).exists():
-        with suppress(Pa10calError):  # no result to report
-            write_page(results, page, described_in, load_case)
-            return f"; report so far: {page}"
+    with suppress(Pa10calError):  # no result to report
+        write_page(results, page, described_in, load_case)
+        return f"; report so far: {page}"
     return ""
 
 

@@ -201,6 +201,21 @@ def writing_into(
         ) from None
 
 
+def remove_results(results: Path, *names: str) -> None:
+    """Remove the files and folders of these names that are in a folder of results.
+
+    Raises:
+        OutputError: when they cannot be removed.
+    """
+    with writing_into(results, "the results", "give another folder, or let it be written to"):
+        for name in names:
+            path = results / name
+            if path.is_dir() and not path.is_symlink():
+                shutil.rmtree(path)
+            else:
+                path.unlink(missing_ok=True)
+
+
 def no_room(error: Exception) -> bool:
     """Return whether an error, or the refusal made of it, is that of a full disk."""
     if isinstance(error, OutputError):

@@ -7,7 +7,7 @@ command line; `chain`, fleets and trials call its function with the same options
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
@@ -66,6 +66,19 @@ class Stage:
             elif value is not None:
                 words += [option, str(value)]
         return shlex.join(words)
+
+
+def lost_results(stages: Iterable[Stage]) -> set[Path]:
+    """Return the results of every stage that lacks one of them, or reads one of such a stage.
+
+    What is there of these was made of other input than the results before it.
+    """
+    lost: set[Path] = set()
+    for stage in stages:
+        written = set(stage.writes.values())
+        if lost.intersection(stage.reads.values()) or not all(path.exists() for path in written):
+            lost |= written
+    return lost
 
 
 class CampaignFiles:
@@ -154,7 +167,10 @@ def _joined(
         "base_frame": tuple(member.base_frame for member in members),
         "out_dir": out_dir,
     }
-    yield Stage("join", options, files.table | {"campaign": out_dir / "campaign.yaml"})
+    writes = files.table | {"campaign": out_dir / "campaign.yaml"}
+    read = (path for member in members for path in (member.poses, member.base_frame))
+    reads = {str(path.relative_to(files.results)): path for path in read}
+    yield Stage("join", options, writes, reads)
 
 
 def _ingested(raw: Path, files: CampaignFiles, settings: ChainOptions) -> Stage:

@@ -124,7 +124,7 @@ def prior_of(model: FittedModel, arm: Arm, payload: Payload | None) -> Prior:
     Raises:
         CalibrationError: when the model is of another arm, or its covariance is not known.
     """
-    _refuse_another_arm(model, arm)
+    refuse_another_arm(model, arm)
     assert model.covariance is not None
     covariance = model.covariance[: len(model.x), : len(model.x)].copy()
     terms: list[Term] = []
@@ -191,8 +191,12 @@ def _with_windups_at_bound(terms: Sequence[Term], held: Mask, variances: Array) 
     return variances
 
 
-def _refuse_another_arm(model: FittedModel, arm: Arm) -> None:
-    """Refuse a model of another arm, or one without covariance."""
+def refuse_another_arm(model: FittedModel, arm: Arm) -> None:
+    """Refuse a model of another arm, or one without covariance.
+
+    Raises:
+        CalibrationError: naming the arms, or the rows that differ.
+    """
     layout = ("prismatic", "theta_rad", "d_m", "a_m", "alpha_rad", "beta_rad")
     same = model.arm.n == arm.n and model.arm.convention == arm.convention
     differs = [
