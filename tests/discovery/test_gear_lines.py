@@ -11,9 +11,12 @@ from made_up_arm import Missing, harmonic, measure
 from made_up_survey import ARM, Hidden, observe
 from pa10cal.arm.chain import Chain
 from pa10cal.discovery import jacobians
+from pa10cal.discovery.finding import effect_parameters
 from pa10cal.discovery.jacobians import WhitenedPoses
 from pa10cal.discovery.residual_candidates import gear_lines
+from pa10cal.terms.effects.joint import GearLine
 from pa10cal.terms.model import Model
+from pa10cal.terms.wording import parameters_text
 from pa10cal_lab.cell.effects.joint import SimulatedGearLine
 
 POSES, RATE, NOISE = 250, 0.01, 2e-5
@@ -43,6 +46,29 @@ def test_cycles_are_found_at_their_joint(given, joint, cycles):
     (line,) = found(at, poses, left_by(at, poses, joint, cycles, 2e-4))
     assert (line.id, line.of) == ("gear_line", f"joint {joint}")
     assert abs(line.order - cycles) < 0.05
+
+
+def test_cycles_are_fitted_within_what_the_range_of_the_joint_resolves(given):
+    at, poses = given.baseline, given.readings
+    (line,) = found(at, poses, left_by(at, poses, 2, 50.0, 2e-4))
+    turn = 2.0 * np.pi / np.ptp(poses.states.q_rad[:, 1])
+    assert line.width == pytest.approx(max(turn, 1.0), abs=1e-3)
+    narrow_rad = poses.states.q_rad.copy()
+    narrow_rad[:, 1] *= 1.0 / np.ptp(narrow_rad[:, 1])  # 57 deg
+    poses = replace(poses, states=replace(poses.states, q_rad=narrow_rad))
+    (line,) = found(at, poses, left_by(at, poses, 2, 50.0, 6e-4))
+    assert line.width == pytest.approx(2.0 * np.pi, abs=1e-3)
+    k = line.parameters[-1]
+    assert (k.lower, k.upper) == (line.order - 0.5 * line.width, line.order + 0.5 * line.width)
+
+
+def test_cycles_at_the_end_of_their_range_are_not_exact():
+    line = GearLine("joint 2", 199.288, 6.3)
+    covariance = np.diag([1e-10, 0.01, 0.0])  # as a fit leaves what it holds at a bound
+    found = effect_parameters(line, np.array([1e-4, -0.4, 196.138]), covariance)
+    assert found["k"].std == pytest.approx(6.3 / np.sqrt(12.0))
+    assert found["A"].std == pytest.approx(1e-5)
+    assert parameters_text(found).endswith("k = 196.1 ± 4")  # no unit of a plain number
 
 
 def test_noise_has_none(given):

@@ -235,6 +235,9 @@ class Finding(Generic[ProofT]):
 def effect_parameters(term: Term, x: Array, covariance: Array) -> dict[str, EffectParameter]:
     """Return the reported parameters of an effect or a form by name.
 
+    One that its fit left at the end of the range that it was sought in has no uncertainty by the
+    fit; it is anywhere in that range.
+
     Args:
         x: (k,) their values.
         covariance: (k, k) of them.
@@ -242,9 +245,21 @@ def effect_parameters(term: Term, x: Array, covariance: Array) -> dict[str, Effe
     reported = term.report(np.zeros(len(term.parameters))).parameters
     std = np.sqrt(np.diag(covariance)).tolist()
     return {
-        parameter.name: EffectParameter(value=value, std=sigma, unit=parameter.unit)
+        parameter.name: EffectParameter(
+            value=value, std=sigma or _std_in_range(term, parameter.name), unit=parameter.unit
+        )
         for parameter, value, sigma in zip(reported, x.tolist(), std, strict=True)
     }
+
+
+def _std_in_range(term: Term, name: str) -> float:
+    """Return the standard deviation of a parameter anywhere in its range; 0 where it has none."""
+    for solved in term.parameters:
+        if solved.lower is None or solved.upper is None:
+            continue
+        if f"_{solved.name}".endswith(f"_{name}"):
+            return (solved.upper - solved.lower) / float(np.sqrt(12.0))
+    return 0.0
 
 
 @dataclass(frozen=True)

@@ -128,7 +128,9 @@ def _lines(
         order = spectrum.line(needed)
         stated = 2.0 * float(rows.at.arm.gear_ratio[joint - 1])
         if order is not None and not abs(order - stated) < spectrum.width:  # nan if not stated
-            found.append(GearLine(f"joint {joint}", round(order, LINES.order_decimals)))
+            # A whole turn resolves a cycle a turn, half a turn two.
+            width = round(max(spectrum.width, 1.0), LINES.order_decimals)
+            found.append(GearLine(f"joint {joint}", round(order, LINES.order_decimals), width))
     return tuple(found)
 
 

@@ -72,10 +72,15 @@ def sag_text(evidence: EvidenceOfSag) -> str:
 def parameters_text(parameters: Mapping[str, EffectParameter]) -> str:
     """Return parameters with their 95 % intervals in a line, those at knots of maps omitted."""
     return ", ".join(
-        f"{key} = {entry.value:.4g} ± {HALF_WIDTH_95 * entry.std:.1g} {entry.unit}"
+        f"{key} = {entry.value:.4g} ± {HALF_WIDTH_95 * entry.std:.1g}{_behind(entry.unit)}"
         for key, entry in parameters.items()
         if not key.startswith(KNOT)
     )
+
+
+def _behind(unit: str) -> str:
+    """Return a unit as it stands behind a number; that of a plain number is nothing."""
+    return "" if unit == "1" else f" {unit}"
 
 
 def fault_text(fault: Fault) -> str:

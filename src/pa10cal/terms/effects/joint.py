@@ -340,10 +340,6 @@ class PeriodicError(JointHarmonic):
         )
 
 
-#: Range about the order of a line within which a fit varies k [cycles a turn].
-_LINE_MOVES = 0.5
-
-
 @dataclass(frozen=True)
 class GearLine(effect.AtJoint):
     """A sin(k q_j + phi) of a gear whose ratio is not stated, with k cycles a turn of the joint.
@@ -355,6 +351,7 @@ class GearLine(effect.AtJoint):
     """
 
     order: float = 100.0  # order of the line in the spectrum, about which k is fitted
+    width: float = 1.0  # what the joint's range resolves [cycles a turn]; k is fitted within half
     id = "gear_line"
     sits = "driven joint"
     clauses = (
@@ -370,7 +367,7 @@ class GearLine(effect.AtJoint):
     def reported(self) -> tuple[TermParameter, ...]:
         """Return sine and cosine part and k, which `report` turns into A, phi and k."""
         parts = (TermParameter(name, "rad", 1e-5, plausible=3e-4) for name in ("sin", "cos"))
-        low, high = self.order - _LINE_MOVES, self.order + _LINE_MOVES
+        low, high = self.order - 0.5 * self.width, self.order + 0.5 * self.width
         return (*parts, TermParameter("k", "1", 0.01, lower=low, upper=high))
 
     @property
