@@ -1,6 +1,7 @@
 """Readings far from a model: what speaks for them."""
 
 import numpy as np
+import pytest
 from scipy.spatial.transform import Rotation
 
 from pa10cal.fit.tails import keep_their_distances
@@ -21,3 +22,15 @@ def test_targets_that_keep_their_distances_acquit_what_was_read():
     assert not found[9]
     assert found.sum() >= 36
     assert not keep_their_distances(places[:, :1]).any()
+
+
+@pytest.mark.filterwarnings("error")
+def test_targets_that_are_never_seen_together_acquit_nothing():
+    places = np.full((9, 3, 3), np.nan)
+    for pose in range(9):
+        places[pose, pose % 3] = float(pose)
+    assert not keep_their_distances(places).any()
+    # Nor do those that are seen together say anything of poses of the third.
+    places[:6, 0], places[:6, 1], places[:6, 2] = [0.0, 0.0, 0.0], [0.1, 0.0, 0.0], np.nan
+    places[6:, :2] = np.nan
+    assert keep_their_distances(places).tolist() == [True] * 6 + [False] * 3

@@ -258,7 +258,7 @@ def _std_in_range(term: Term, name: str) -> float:
         if solved.lower is None or solved.upper is None:
             continue
         if f"_{solved.name}".endswith(f"_{name}"):
-            return (solved.upper - solved.lower) / float(np.sqrt(12.0))
+            return 0.5 * (solved.upper - solved.lower) / float(np.sqrt(3))
     return 0.0
 
 

@@ -17,7 +17,7 @@ from pydantic import JsonValue
 from pydantic_core import to_jsonable_python
 from scipy.special import ndtri
 
-from pa10cal.discovery.tuning import COMPUTING, FIELD, FORMS, NEXT_POSES, PLACES
+from pa10cal.discovery.tuning import COMPUTING, FIELD, FORMS, NEXT_POSES, PLACES, SESSIONS
 from pa10cal.results.number_text import SURE
 
 if TYPE_CHECKING:
@@ -572,6 +572,7 @@ SECTIONS: dict[str, DataclassInstance] = {
     "wobbles": WOBBLES,
     "warming": WARMING,
     "ripple": RIPPLE,
+    "sessions": SESSIONS,
     "field": FIELD,
     "forms": FORMS,
     "next_poses": NEXT_POSES,

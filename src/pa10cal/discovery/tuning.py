@@ -40,6 +40,17 @@ class Field:
 
 
 @dataclass(frozen=True)
+class Sessions:
+    """Whether rows without times are of two sessions, with another place of the base in either."""
+
+    least_poses: int = 10  # poses of a session, at least (statistics)
+    # nats by which another base from a row on must gain after its unknowns, and more than from an
+    # angle of any joint on (level)
+    least_nats: float = 4.6
+    least_singular: float = 1e-9  # singular values that are none, in the largest (computing)
+
+
+@dataclass(frozen=True)
 class NextPoses:
     """What to measure next, to bring rivals apart."""
 
@@ -168,6 +179,7 @@ class Forms:
 FIELD = Field()
 FORMS = Forms()
 NEXT_POSES = NextPoses()
+SESSIONS = Sessions()
 PLACES = Places()
 COMPUTING = Computing()
 

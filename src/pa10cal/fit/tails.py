@@ -142,6 +142,7 @@ def keep_their_distances(places_m: Array) -> Mask:
     if not distances:
         return np.zeros(len(places_m), dtype=bool)
     distance_m = np.stack([*distances.values()])
+    distance_m = distance_m[np.isfinite(distance_m).any(axis=1)]  # of targets seen together
     off_m = np.abs(distance_m - np.nanmedian(distance_m, axis=1, keepdims=True))
     sigma_m = MEDIAN_TO_SIGMA * np.nanmedian(off_m, axis=1, keepdims=True)
     seen = np.isfinite(off_m)

@@ -13,6 +13,9 @@ from pa10cal.options import DiscoveryOptions
 if TYPE_CHECKING:
     from pa10cal.results.discovery import FoundEffect, SetGap, VerdictKeys
 
+#: Mean error in the poses fitted, in the noise floor, below which the fit passes through them.
+_THROUGH_POSES = 0.5
+
 
 def discover(
     *,
@@ -134,9 +137,14 @@ def _effect_line(effect: FoundEffect) -> str:
 def _gap_lines(kind: str, gap: SetGap) -> Iterator[str]:
     """Yield the errors before and after, over poses of one kind and over parts of them."""
     low_mm, high_mm = gap.reduction.interval95_mm
+    less = f"less by {low_mm:.4f} to {high_mm:.4f} mm (95 %)"
+    if kind == "train" and gap.after.mean_mm < _THROUGH_POSES * gap.noise_floor_mm:
+        less = "as a fit does that passes through its poses, which shows nothing"
+    elif low_mm <= 0.0 <= high_mm:
+        less += ", within chance"
     yield (
-        f"{kind} mean {gap.before.mean_mm:.4f} -> {gap.after.mean_mm:.4f} mm, less by "
-        f"{low_mm:.4f} to {high_mm:.4f} mm (95 %); noise floor {gap.noise_floor_mm:.4f} mm"
+        f"{kind} mean {gap.before.mean_mm:.4f} -> {gap.after.mean_mm:.4f} mm, {less}; "
+        f"noise floor {gap.noise_floor_mm:.4f} mm"
     )
     parts = {
         "inside": gap.inside,
