@@ -74,8 +74,8 @@ def _off_median(every: Observations, stand: Index, most_m: float) -> Mask:
     """Return which readings (P,) are further than that off the median of their stand."""
     off = np.zeros(len(every), dtype=bool)
     places_m: Array = every.measured.places_m.reshape(len(every), -1)
-    several = np.flatnonzero(np.bincount(stand) >= STANDS.least_for_median)
-    for rows in (np.flatnonzero(stand == number) for number in several):
+    by_stand = np.split(np.argsort(stand, kind="stable"), np.cumsum(np.bincount(stand))[:-1])
+    for rows in (each for each in by_stand if len(each) >= STANDS.least_for_median):
         own_m = places_m[rows][:, np.isfinite(places_m[rows]).all(axis=0)]
         off[rows] = np.abs(own_m - np.median(own_m, axis=0)).max(axis=1, initial=0.0) > most_m
     return off
