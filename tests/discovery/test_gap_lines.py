@@ -4,7 +4,7 @@ import pytest
 
 from made_up_records import accuracy, set_gap
 from pa10cal.results.discovery import Reduction
-from pa10cal.stages.discover import _gap_lines
+from pa10cal.stages.discover import gap_lines
 
 
 @pytest.mark.parametrize(
@@ -19,4 +19,4 @@ from pa10cal.stages.discover import _gap_lines
 def test_an_interval_is_told_for_what_it_is(kind, after_mm, low_mm, said):
     reduction = Reduction(mean_mm=0.01, interval95_mm=(low_mm, 0.0366), poses=14)
     gap = set_gap(accuracy(0.033), accuracy(after_mm)).model_copy(update={"reduction": reduction})
-    assert said in next(_gap_lines(kind, gap))
+    assert said in next(gap_lines(kind, gap))

@@ -104,9 +104,9 @@ def verdict_lines(verdict: VerdictKeys) -> Iterator[str]:
     for proposed in verdict.proposed or ():
         size = parameters_text(proposed.parameters)
         yield f"  proposed for {proposed.of}, no name: {proposed.formula}, {size}"
-    yield from _gap_lines("train", verdict.gap.train)
+    yield from gap_lines("train", verdict.gap.train)
     if verdict.gap.holdout is not None:
-        yield from _gap_lines("holdout", verdict.gap.holdout)
+        yield from gap_lines("holdout", verdict.gap.holdout)
 
 
 def _effect_line(effect: FoundEffect) -> str:
@@ -134,7 +134,7 @@ def _effect_line(effect: FoundEffect) -> str:
     return "; ".join(parts)
 
 
-def _gap_lines(kind: str, gap: SetGap) -> Iterator[str]:
+def gap_lines(kind: str, gap: SetGap) -> Iterator[str]:
     """Yield the errors before and after, over poses of one kind and over parts of them."""
     low_mm, high_mm = gap.reduction.interval95_mm
     less = f"less by {low_mm:.4f} to {high_mm:.4f} mm (95 %)"
