@@ -12,7 +12,9 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+import pyarrow
 import pytest
+from pyarrow import parquet
 
 import pa10cal
 from made_up_records import effect
@@ -294,6 +296,55 @@ def test_repeats_give_accuracy_and_repeatability_before_and_after(copied, page):
     assert "RP 0.021 0.021 – –" in found
     assert "joints arrived from either side in 1 configuration" in found
     assert "30 repeats" not in found
+
+
+def test_a_group_lasts_as_long_as_its_campaigns_and_its_frame_is_of_the_first(copied, page):
+    path = copied / "ingest/poses.parquet"
+    table = parquet.read_table(path)
+    poses = table.to_pandas()
+    count = len(poses) // 2
+    poses["campaign"] = ["june"] * count + ["aug"] * (len(poses) - count)
+    poses["time_s"] = np.where(poses["campaign"] == "june", 0.0, 4e6) + np.arange(len(poses)) * 60.0
+    changed = pyarrow.Table.from_pandas(poses, preserve_index=False)
+    parquet.write_table(changed.replace_schema_metadata(table.schema.metadata), path)
+    said = page(copied).text
+    assert f"{len(poses) - 2} min in 2 campaigns, each from its first reading to its last" in said
+    assert "at once (hand-eye) of the first campaign, june; positions scatter" in said
+
+
+def test_a_frame_found_from_distances_leaves_distances(copied, page):
+    change(copied, "base_frame.json", method="ranging")
+    assert "all measured distances at once; distances scatter by" in page(copied).text
+
+
+def test_files_without_content_are_not_listed(copied, page):
+    (copied / "figures").mkdir()
+    (copied / "figures/.timestamp").touch()
+    (copied / "discovery/suggested_poses.csv").write_text("q1_deg\n")
+    said = page(copied).text
+    assert "figures as SVG" not in said
+    assert "poses to measure next" not in said
+
+
+def test_weights_that_nobody_stated_are_not_said_to_be_described(copied, page):
+    path = copied / "calibration/combined.json"
+    record = json.loads(path.read_text("utf-8"))
+    names = [f"weight_{joint}_mass" for joint in range(1, 7)]
+    known = {"value": 0.0, "std": 1.0, "unit": "kg", "tolerance": 1.0, "at_bound": False}
+    record["parameters"] |= {name: {**known, "identifiable": False} for name in names}
+    health = record["health"] | {"not_identifiable": names, "rank": 20, "unknowns": 26}
+    arm = record["fitted_model"]["arm"]
+    unknown = {"mass_u": [1.0] * 6, "com_u_m": [0.1] * 6, "why": "", "by_log": None}
+    for origin, words in (
+        ("stated", "stay near the described values"),
+        ("assumed", "stay near those assumed from the lengths of the links, as nobody stated"),
+    ):
+        fitted = record["fitted_model"] | {"arm": {**arm, "weights": {"from": origin, **unknown}}}
+        path.write_text(json.dumps({**record, "health": health, "fitted_model": fitted}))
+        said = page(copied).text
+        assert words in said
+        assert "Not identifiable from these poses: 6 departures of weights." in said
+        assert ("no poses determine weights that nobody stated" in said) == (origin == "assumed")
 
 
 def test_nothing_held_out_is_said(copied, page):

@@ -73,13 +73,17 @@ def test_paths_are_those_that_are_there_from_the_working_folder(tmp_path, monkey
     (results / "report.html").touch()
     (results / "ingest").mkdir()
     (results / "ingest/quarantine.csv").write_text("file,line,reason\n", encoding="utf-8")
+    (results / "figures").mkdir()
+    (results / "figures/.snakemake_timestamp").touch()
     assert paths(results).splitlines() == [
         "report  results/mine/report.html",
         "model   results/mine/model/model.yaml",
     ]
     with (results / "ingest/quarantine.csv").open("a", encoding="utf-8") as file:
         file.write("poses.csv,3,a blank angle\n")
-    assert any("quarantine.csv" in line for line in paths(results).splitlines())
+    (results / "figures/errors.svg").touch()
+    found = paths(results).splitlines()
+    assert all(any(name in line for line in found) for name in ("quarantine.csv", "figures"))
 
 
 def test_a_verdict_says_what_is_open_beside_its_word():

@@ -311,11 +311,9 @@ def _remarks(evidence: GradeEvidence) -> Iterator[str]:
     if held:
         yield f"{_listed(held)} at the end of the physical range"
     if evidence.weights:
-        lengths = evidence.weights == "assumed"
-        origin = "the lengths of the links" if lengths else "the mass of the whole arm"
         yield (
-            f"no masses are stated, so weights are assumed from {origin}: stiffness is relative "
-            "to them"
+            f"no masses are stated, so weights are assumed from {records.ASSUMED[evidence.weights]}"
+            ": stiffness is relative to them"
         )
     log = None if evidence.arm is None else weights_known(evidence.arm).by_log
     if log is not None and log.said:

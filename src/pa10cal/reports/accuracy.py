@@ -9,6 +9,7 @@ from pa10cal.reports.blocks import Callout, Grid, PageBlock, Paragraph, SideBySi
 from pa10cal.reports.errors import ALL, FITTED, HELD_OUT, ModelErrors, errors_of, model_titles
 from pa10cal.reports.results_bundle import ResultsBundle
 from pa10cal.results.calibration import (
+    ASSUMED,
     CalibrationRecord,
     GeneralCalibrationRecord,
     GroupOfCampaigns,
@@ -125,10 +126,12 @@ def parameters(results: ResultsBundle, case: CalibrationRecord) -> Iterator[Page
     weights = [name for name, of in shown.items() if _WEIGHTS in name and not of.identifiable]
     if len(weights) > _MOST_WEIGHTS:
         shown = {name: parameter for name, parameter in shown.items() if name not in weights}
+        near = "the described values, within the usual error of a description"
+        if (origin := case.weights_from) in ASSUMED:
+            near = f"those assumed from {ASSUMED[origin]}, as nobody stated them"
         yield Paragraph(
             f"Weights: {len(weights)} departures of masses, of their moments and of the "
-            "base's level stay near the described values, within the usual error of a description. "
-            "The fitted poses do not identify them."
+            f"base's level stay near {near}. The fitted poses do not identify them."
         )
     remaining = dict(shown)
     for title, beginnings in _GROUPS:

@@ -62,9 +62,12 @@ def measurement_section(results: ResultsBundle) -> Iterator[blocks.PageBlock]:
         if len(known_C):
             facts.append(("Temperature", f"{known_C.min():.1f} to {known_C.max():.1f} °C"))
     if frame is not None:
-        scatter = f"positions scatter by {frame.origin_scatter_mm:.3f} mm about it"
+        scattered = "distances" if frame.method == "ranging" else "positions"
+        scatter = f"{scattered} scatter by {frame.origin_scatter_mm:.3f} mm about it"
         method = _FRAMES.get(frame.method, frame.method)
-        facts.append(("Base frame found from", f"{method}; {scatter}"))
+        names = () if poses is None else _campaigns(poses)
+        whose = f" of the first campaign, {names[0]}" if names else ""
+        facts.append(("Base frame found from", f"{method}{whose}; {scatter}"))
     yield blocks.Facts(tuple(facts))
     title = "Where the data come from, in the campaign's own words"
     whole = (blocks.Paragraph(sentence(provenance)),) if line != provenance else ()
@@ -133,10 +136,28 @@ def _duration(poses: pd.DataFrame, description: CampaignDescription | None) -> s
         return f"not known: time was not recorded{_NOT_SOUGHT}"
     if "tells_time" in poses and not poses["tells_time"].all():
         return f"time was not recorded, or rows follow a joint, a rail or the load{_NOT_SOUGHT}"
+    if names := _campaigns(poses):
+        # Readings of a group do not tell what time passed between its campaigns.
+        seconds = sum(_seconds(poses[poses["campaign"] == name]) for name in names)
+        total = f"{_long(seconds)} in {count(len(names), 'campaign')}"
+        return f"{total}, each from its first reading to its last" if seconds else ""
+    seconds = _seconds(poses)
+    return f"{_long(seconds)} from the first reading to the last" if seconds else ""
+
+
+def _campaigns(poses: pd.DataFrame) -> tuple[str, ...]:
+    """Return the campaigns of a group, in its order; none of a campaign."""
+    return tuple(poses["campaign"].unique()) if "campaign" in poses else ()
+
+
+def _seconds(poses: pd.DataFrame) -> float:
+    """Return the time from the first of some readings to the last [s]; 0 where none is known."""
     times_s = poses["time_s"].dropna()
-    seconds = float(times_s.max() - times_s.min()) if len(times_s) else 0.0
-    long = f"{seconds / 3600.0:.1f} h" if seconds >= 3600.0 else f"{seconds / 60.0:.0f} min"
-    return f"{long} from the first reading to the last" if seconds else ""
+    return float(times_s.max() - times_s.min()) if len(times_s) else 0.0
+
+
+def _long(seconds: float) -> str:
+    return f"{seconds / 3600.0:.1f} h" if seconds >= 3600.0 else f"{seconds / 60.0:.0f} min"
 
 
 def _arm(results: ResultsBundle) -> str:
@@ -168,7 +189,7 @@ def use(results: ResultsBundle) -> Iterator[blocks.PageBlock]:
         yield blocks.Callout("missing", results.absent["model"])
     else:
         yield from _commands(results.folder)
-    there = [file for file in OUTPUTS if file.holds and (results.folder / file.path).exists()]
+    there = [file for file in OUTPUTS if file.holds and file.has_content(results.folder)]
     rows = [(file.path, file.holds) for file in there]
     yield blocks.grid("Files of this campaign", "file | holds", rows)
 

@@ -34,8 +34,12 @@ def missing(results: ResultsBundle) -> Iterator[PageBlock]:
     texts, tables = [], []
     if case is not None:
         if case.health.not_identifiable:
-            names = listed(map(display_name, case.health.not_identifiable))
-            texts.append(f"Not identifiable from these poses: {names}.")
+            open_ = case.health.not_identifiable
+            of_weights = [name for name in open_ if name.startswith("weight_")]
+            names = [display_name(name) for name in open_ if name not in of_weights]
+            if many := len(of_weights):
+                names.append(count(many, "departure of weights", "departures of weights"))
+            texts.append(f"Not identifiable from these poses: {listed(names)}.")
         if not case.health.repeats:
             texts.append("No pose is repeated often enough to estimate the scatter of readings.")
         if not case.torques_logged:

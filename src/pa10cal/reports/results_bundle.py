@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, cast
 
@@ -15,7 +16,7 @@ from pa10cal.campaign.description import CampaignDescription, read_description
 from pa10cal.campaign.table import read_pose_table
 from pa10cal.command_settings import PictureOptions
 from pa10cal.errors import RecordError, last_message
-from pa10cal.input_files import read_csv, read_file, reason
+from pa10cal.input_files import is_file, read_csv, read_file, reason
 from pa10cal.observe.kinds import instrument_of
 from pa10cal.observe.quantities import Words
 from pa10cal.results.analysis import AnalysisRecord
@@ -76,6 +77,17 @@ class Output(NamedTuple):
     path: str  # in the folder of results
     title: str  # as a run prints it at its end; empty where it does not
     holds: str  # what the page says that it holds; empty where it says nothing
+
+    def has_content(self, results: Path) -> bool:
+        """Return whether it is among some results: a folder with files, a table with rows."""
+        path = results / self.path
+        if path.is_dir():
+            return any(not each.name.startswith(".") for each in path.iterdir())
+        if path.suffix != ".csv" or not path.exists():
+            return path.exists()
+        if not is_file(path, results):
+            return False
+        return len(list(islice(read_csv(path, path.stat().st_size, results), 2))) > 1
 
 
 _UR_DRIVER, _UR_CONTROLLER = "model/ur_kinematics.yaml", "model/ur_calibration.conf"

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from itertools import islice
 from pathlib import Path
 
-from pa10cal.input_files import is_file, read_csv
 from pa10cal.reports.errors import better_general, headline
 from pa10cal.reports.results_bundle import OUTPUTS, ResultsBundle
 from pa10cal.results.calibration import CalibrationRecord, GeneralCalibrationRecord
@@ -133,20 +131,11 @@ def table(campaigns: Sequence[CampaignSummary]) -> str:
 
 
 def paths(results: Path) -> str:
-    """Return where the results of a campaign are, one line each; no table that has no row."""
-    found = [(output.title, results / output.path) for output in OUTPUTS if output.title]
-    found = [(title, path) for title, path in found if _holds_something(path, results)]
+    """Return where the results of a campaign are, one line each; none that is empty."""
+    there = [output for output in OUTPUTS if output.title and output.has_content(results)]
+    found = [(output.title, results / output.path) for output in there]
     width = max((len(title) for title, _ in found), default=0)
     return "\n".join(f"{title:<{width}}  {_short(path)}" for title, path in found)
-
-
-def _holds_something(path: Path, results: Path) -> bool:
-    """Return whether a result is there, and if it is a table, has a row below its header."""
-    if not path.exists() or path.suffix != ".csv":
-        return path.exists()
-    if not is_file(path, results):
-        return False
-    return len(list(islice(read_csv(path, path.stat().st_size, results), 2))) > 1
 
 
 def reports(results: Iterable[Path]) -> str:

@@ -15,7 +15,11 @@ from pa10cal.reports.missing import coupling_of, number_needed
 from pa10cal.reports.pictures import plane_drawings
 from pa10cal.reports.results_bundle import ResultsBundle
 from pa10cal.results import discovery
-from pa10cal.results.calibration import CalibrationRecord, GeneralCalibrationRecord
+from pa10cal.results.calibration import (
+    ASSUMED,
+    CalibrationRecord,
+    GeneralCalibrationRecord,
+)
 from pa10cal.terms.wording import sag_text
 
 #: Of more suspected outliers a check names only the first; their table has all.
@@ -80,11 +84,13 @@ def _checks(case: CalibrationRecord) -> Iterator[tuple[str | bool, ...]]:
     yield "the fit converged", health.ending, health.converged
     at_bounds = listed(map(display_name, health.at_bounds))
     yield "no parameter at the end of its range", at_bounds, not len(health.at_bounds)
-    yield (
-        "every parameter is determined",
-        f"rank {health.rank} of {health.unknowns}, condition number {health.condition:.4g}",
-        "yes" if health.rank == health.unknowns else "no: see what is missing",
-    )
+    rank = f"rank {health.rank} of {health.unknowns}, condition number {health.condition:.4g}"
+    determined = "yes" if health.rank == health.unknowns else "no: see what is missing"
+    open_ = health.not_identifiable
+    if case.weights_from in ASSUMED and open_ and all(each.startswith("weight_") for each in open_):
+        rank += "; no poses determine weights that nobody stated"
+        determined = "yes, but for these"
+    yield "every parameter is determined", rank, determined
     fitted = f"{mm(health.train_rms_mm)} mm"
     check = "remaining error agrees with the noise"
     if health.error_over_noise is None:

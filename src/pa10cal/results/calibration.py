@@ -18,6 +18,8 @@ from pa10cal.results import arrays, evaluation, record
 Grade = Literal["good", "few_poses", "incomplete", "suspect_input", "not_converged"]
 #: Grades with which a model is exported and drawn without more ado.
 UNRESERVED: frozenset[Grade] = frozenset({"good", "few_poses", "incomplete"})
+#: Origins of weights that nobody stated, and from what they are assumed.
+ASSUMED = {"assumed": "the lengths of the links", "total": "the mass of the whole arm"}
 
 
 class InputFinding(record.Part):
@@ -349,6 +351,12 @@ class CalibrationRecord(Fit, record.MeasuredRecord):
     def has_springs(self) -> bool:
         """Whether joints have springs in it; without any, linear and cubic fit are one."""
         return any(name.startswith("K_lin") for name in self.parameters)
+
+    @property
+    def weights_from(self) -> str:
+        """Return where the weights of the links come from: `stated`, `logged`, or as `ASSUMED`."""
+        arm: Any = self.fitted_model["arm"]
+        return str(arm.get("weights", {}).get("from", "stated"))
 
     @property
     def noise_is(self) -> str:
