@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
 from made_up_formats import PROGRAMS
 from made_up_sightings import is_read, rows_of, sighted
+from pa10cal.arm.chain import Chain
 from pa10cal.campaign.read import read_campaign
+from pa10cal.files.arms import load_arm
 
 
 def is_whole(folder, raw):
@@ -68,6 +72,13 @@ def test_a_column_that_numbers_the_targets_is_named(tmp_path, columns):
     assert code == 2
     assert "a.txt: column 7 says which of 3 targets a row is of" in said
     assert "copy column 7 behind those of b.txt" in said
+    numbered = zip(rows_of(place[seen]).splitlines(), which[seen] + 1, strict=True)
+    (tmp_path / "b.txt").write_text("".join(f"{row} {number}\n" for row, number in numbered))
+    code, out, _ = columns("a.txt", "b.txt")  # as it says
+    assert code == 0
+    assert "every row is of one target" in out
+    assert f"read so: {seen.sum()} rows can be used, 0 cannot" in out
+    (tmp_path / "b.txt").write_text(rows_of(place[seen]))
     for file, names in (("a.txt", "J1 J2 J3 J4 J5 J6 target"), ("b.txt", "X Y Z")):
         rows = (tmp_path / file).read_text()
         (tmp_path / file).write_text(f"{names}\n{rows}")
@@ -114,6 +125,41 @@ def test_columns_that_no_arm_explains_are_refused(tmp_path, columns):
     code, _, said = columns("a.txt", "b.txt")
     assert code == 2
     assert "header" in said
+
+
+@pytest.mark.parametrize(
+    ("poses", "times", "what"),
+    [
+        (10, 1, "too few rows .*'10 rows'|too few rows .*10 and 10 rows"),
+        (20, 3, "do not belong together .*20 and 60 rows.*each pose has 3 rows of readings"),
+        (20, 0, "do not belong together .*20 and 13 rows.*or shared labels; write headers.*x_mm"),
+    ],
+)
+def test_rows_that_tell_nothing_without_names_are_refused_for_that(
+    tmp_path, columns, poses, times, what
+):
+    raw = sighted(tmp_path, "pose", poses=poses)
+    place = np.repeat(1e3 * raw.T_instr_target[:, :3, 3], times or 1, axis=0)
+    (tmp_path / "a.txt").write_text(rows_of(np.degrees(raw.q)))
+    (tmp_path / "b.txt").write_text(rows_of(place if times else place[:13]))
+    for files in (("a.txt", "b.txt"), ("b.txt", "a.txt")):
+        code, _, said = columns(*files)
+        assert code == 2
+        assert "no joint positions" not in said
+        assert re.search(
+            what, said.replace("60 and 20", "20 and 60").replace("13 and 20", "20 and 13")
+        )
+
+
+def test_joints_that_stand_still_are_read_where_nothing_else_can_be_meant(tmp_path, proposed):
+    raw = sighted(tmp_path, "pose", poses=40)
+    arm, q = load_arm("ur10"), raw.q.copy()
+    q[:, :3] = q[0, :3]
+    T_base_ee = Chain.of(arm).forward(q)
+    place = 1e3 * (T_base_ee @ [0.1, 0.05, 0.12, 1.0])[:, :3] + [100.0, -2000.0, 300.0]
+    (tmp_path / "a.txt").write_text(rows_of(q))
+    (tmp_path / "b.txt").write_text(rows_of(place))
+    assert "read so: 40 rows can be used, 0 cannot" in proposed("a.txt", "b.txt")
 
 
 @pytest.mark.slow_but_one_in(3)

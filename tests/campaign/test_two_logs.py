@@ -298,3 +298,29 @@ def test_logs_of_two_runs_are_refused(tmp_path):
     except Pa10calError:
         return
     assert any("off in the median" in warning for warning in found.warnings)
+
+
+def test_without_kinds_two_logs_need_a_statement_of_what_is_held_out(tmp_path, written):
+    content, _, folder = written(two_logs(tmp_path, 3))
+    del content["holdout"]
+    (folder / "campaign.yaml").write_text(yaml.safe_dump(content), encoding="utf-8")
+    with pytest.raises(Pa10calError, match=r"set columns.readings.kind; or state holdout"):
+        read_campaign(folder)
+
+
+def test_a_number_of_rows_that_starts_again_is_no_label(tmp_path, written):
+    """As a tracker's software writes it where several exports are put one after the other."""
+    logs = two_logs(tmp_path, 3, dense=False, regular=True)
+    logs.readings["Id"] = [1 + k % 10 for k in range(len(logs.readings))]
+    content, text, folder = written(logs)
+    assert "pose" not in content["columns"]["readings"]
+    assert "check pose: Id starts again" in text
+    assert len(read_campaign(folder).observations) == len(logs.q_rad)
+
+
+def test_several_readings_a_row_of_joints_are_told_what_to_write(tmp_path, written):
+    logs = two_logs(tmp_path, 3, dense=False, regular=True)
+    logs.readings = logs.readings.loc[logs.readings.index.repeat(3)].reset_index(drop=True)
+    del logs.readings["Zeitstempel"], logs.joints["Zeit [s]"]
+    _, text, _ = written(logs)
+    assert "each pose has 3 rows of readings, write its joints 3 times" in text

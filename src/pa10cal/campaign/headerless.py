@@ -198,6 +198,38 @@ def logs_by_arm(
     return both
 
 
+def refuse_untold(files: Sequence[tuple[Sniffed, Path]]) -> None:
+    """Refuse files without headers whose rows are too few, or too unlike in number, for the arm.
+
+    Raises:
+        RawDataError: for one file or two logs, at least one of them without a header.
+    """
+    (log, file), (measured, other) = files[0], files[-1]
+    if not any(is_headerless(each) for each, _ in files) or _rows_together(log, measured):
+        return
+    count, others = len(log.numbers), len(measured.numbers)
+    named = next(path.name for each, path in files if is_headerless(each))
+    remedy = "write headers, such as q1_deg, q2_deg … and x_mm, y_mm, z_mm"
+    if count == others:
+        what, allowed = "too few rows", f"at least {_LEAST_ROWS} rows"
+    else:
+        what, allowed = "rows that do not belong together", "one row in each log, or shared labels"
+        fewer, more = sorted((count, others))
+        if fewer and more % fewer == 0:
+            many = more // fewer
+            remedy += (
+                f"; where each pose has {many} rows of readings, put them in one row, as T1_x, "
+                f"T1_y, T1_z, T2_x … of {many} targets, or write its joints {many} times"
+            )
+    raise RawDataError(
+        f"{named} has no header, and {what} to tell its columns by the nominal arm",
+        where=" and ".join(dict.fromkeys((file.name, other.name))),
+        value=f"{count} rows" if log is measured else f"{count} and {others} rows",
+        allowed=allowed,
+        remedy=remedy,
+    )
+
+
 def _rows_together(log: Sniffed, measured: Sniffed) -> tuple[Index, Index] | None:
     """Return rows of both logs that belong together; None where too few are known to."""
     labels = None if log is measured else labels_of_both(log, measured)
@@ -250,9 +282,10 @@ def _rows_of_targets(joints: Sniffed, readings: Sniffed, arm: Arm) -> _RowsOfTar
     if rows is None:
         return None
     runs = _runs(joints.names, len(arm.axes_slide))
+    # Those of the readings first: there, a column that was copied is read.
     columns_of_targets = [(readings, rows[1], name) for name in readings.names]
     if joints is not readings:
-        columns_of_targets = [(joints, rows[0], name) for name in joints.names] + columns_of_targets
+        columns_of_targets += [(joints, rows[0], name) for name in joints.names]
     for log, log_rows, name in columns_of_targets:
         numbers = log.column(name)[log_rows]
         targets = np.unique(numbers)
@@ -292,7 +325,9 @@ def _ends(
     slides = arm.axes_slide
     for columns in sets:
         values = columns_of(columns)[rows]
-        if not np.isfinite(values).all() or np.ptp(values, axis=0).min() == 0.0:
+        # A joint may stand still throughout where nothing else can be meant.
+        still = len(sets) > 1 and np.ptp(values, axis=0).min() == 0.0
+        if still or not np.isfinite(values).all():
             continue
         for angle, length in product(("deg", "rad"), ("mm", "m") if slides.any() else ("mm",)):
             axes = in_radians(values * np.where(slides, LENGTHS[length], ANGLES[angle]), slides)

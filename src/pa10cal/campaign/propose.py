@@ -21,6 +21,7 @@ from pa10cal.campaign.headerless import (
     logs_by_arm,
     of_rows_of_targets,
     of_the_arm,
+    refuse_untold,
     roles_by_arm,
 )
 from pa10cal.campaign.joint_positions import in_radians, position_columns
@@ -71,6 +72,8 @@ def propose(
     if arm is not None and is_headerless(sniffed):
         by_arm = roles_by_arm((roles, sniffed), (roles, sniffed), arm)
         roles = by_arm.of_joints if by_arm else of_rows_of_targets(roles, sniffed, arm)
+        if not roles.joints or not roles.positions:
+            refuse_untold([(sniffed, Path(file))])
     by_name = roles
     if arm is not None:
         roles = of_the_arm(roles, sniffed, arm, joint_names)
@@ -79,6 +82,7 @@ def propose(
     if roles.joints != by_name.joints:
         making.checks.append(f"joints: {roles.joints[0]} …, by the nominal arm: no others agree")
     columns = making.joints() | making.readings(making.T_base_ee)
+    columns |= making.without_numbers_of_rows(columns, making.T_base_ee)
     return _proposal(making, {"poses": (file, sniffed, columns)}, name, robot, arm)
 
 
@@ -105,6 +109,8 @@ def propose_two_logs(
     ]
     if arm is not None and any(is_headerless(log) for _, log, _ in both):
         both = logs_by_arm(both, arm)
+        if not any(roles.joints for roles, *_ in both):
+            refuse_untold([(log, file) for _, log, file in both])
     if _readings_first(both):
         both.reverse()
     (joint_roles, joints_log, joints_file), (reading_roles, readings_log, readings_file) = both
@@ -140,6 +146,8 @@ def propose_two_logs(
             T_base_ee = np.full((len(row_of_line), 4, 4), np.nan)
             T_base_ee[[row_of_line[line] for line in lines]] = T_known
     measured = readings.readings(T_base_ee)
+    if "pose" not in files_read["joints"][2]:
+        measured |= readings.without_numbers_of_rows(measured, T_base_ee)
     if len(reading_roles.positions) == 1 and "target" not in measured:
         readings.checks += named_in_other_log(joints_log, joints_file.name, readings_file.name)
     files_read["readings"] = (readings_file.name, readings_log, measured)

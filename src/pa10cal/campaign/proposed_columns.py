@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.chain import Chain
@@ -60,8 +61,11 @@ AGREES_RAD = np.radians(3.0)
 _ALL_ALIKE_RAD = np.radians(90.0)
 #: Larger positions are no radians.
 _TURN_RAD = 2.0 * np.pi + 0.1
-#: Polar readings agree with the nominal arm below this rms misfit.
+#: Polar readings agree with the nominal arm below this rms misfit; rows of one pose are nearer.
 AGREES_M = 0.03
+#: Labels that several rows have, at least, and the part of them whose rows are apart, where these
+#: number rows.
+_LEAST_REPEATED, _NEARLY_ALL = 5, 0.9
 
 
 @dataclass
@@ -261,6 +265,30 @@ class ProposedColumns:
         base = [self._place(every[place], T_base_ee) for place in still]
         targets |= {f"base{k}": place for k, place in enumerate(base, start=1)}
         return columns | ({"targets": targets} if targets else {})
+
+    def without_numbers_of_rows(
+        self, columns: Mapping[str, Any], T_base_ee: Array | None
+    ) -> dict[str, Any]:
+        """Return `pose` as None, and note it, where it numbers rows and starts again.
+
+        Then the rows of one number have other joints: at their nominal ends (N, 4, 4) they are
+        apart.
+        """
+        name = columns.get("pose")
+        if name is None or T_base_ee is None or "target" in columns:
+            return {}
+        known = np.isfinite(T_base_ee).all(axis=(1, 2))
+        place = pd.DataFrame(T_base_ee[known, :3, 3], columns=list("xyz"))
+        labels = np.array(self.sniffed.words(name))[known]
+        groups = place.groupby(labels)
+        apart_m = (groups.max() - groups.min()).max(axis=1)[groups.size() > 1]
+        if len(apart_m) < _LEAST_REPEATED or float(np.mean(apart_m > AGREES_M)) < _NEARLY_ALL:
+            return {}
+        self.checks.append(
+            f"pose: {self.sniffed.titled(name)} starts again, and rows of one number have other "
+            "joints: it numbers rows, and is not read"
+        )
+        return {"pose": None}
 
     def _of_row(self, target: dict[str, Any]) -> dict[str, Any]:
         """Return `target` (and `pose`) for rows of one target each, and note it."""

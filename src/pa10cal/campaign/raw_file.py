@@ -285,9 +285,10 @@ class RawFile:
 
     def _unmapped(self, missing: Sequence[str]) -> RawDataError:
         key = rule_of(missing[0]).key
-        other = {"rotation": ", or instrument.kind: points with the position under targets"}
-        if self.key == "poses":
-            other["kind"] = "; or state holdout"
+        other = {
+            "rotation": ", or instrument.kind: points with the position under targets",
+            "kind": "; or state holdout",
+        }
         return RawDataError(
             f"nothing is mapped to {', '.join(missing)}",
             where=f"{self.path.parent / DESCRIPTION_FILE}: columns.{self.key}",

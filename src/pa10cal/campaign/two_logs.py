@@ -360,12 +360,18 @@ class TwoLogs:
             how = f"as they are joined by {self._by}"
             refuse_shifted(shift, self.readings.path, read.line, how, self.joints.path.name)
         if station is None and count != len(stations):
+            many, rest = divmod(count, max(len(stations), 1))
+            by_turns = (
+                f"; where each pose has {many} rows of readings, write its joints {many} times, "
+                "with a column that tells the target where they are of several"
+            )
             raise RawDataError(
                 "the two logs have different numbers of rows, and nothing else joins them",
                 where=str(self.readings.path),
                 value=f"{count} readings and {len(stations)} rows of joints",
                 allowed="one row of joints for each reading, or labels or times in both",
-                remedy="exclude the rows that the other lacks, or map a time or a label",
+                remedy="exclude the rows that the other lacks, or map a time or a label"
+                + by_turns * (many > 1 and not rest),
             )
         return joined
 
