@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -157,3 +159,29 @@ def test_what_cannot_be_planned_is_refused_in_one_message(instrument, poses, opt
     with pytest.raises(CalibrationError) as refused:
         plan_poses(load_arm("irb120"), instrument, poses, option(**options))
     assert all(each in str(refused.value) for each in words), str(refused.value)
+
+
+def on_a_rail(arm, stroke_m):
+    """Return an arm whose first joint is a rail."""
+    slides = np.array([True, *[False] * (arm.n - 1)])
+    limits = arm.limits_rad.copy()
+    limits[0] = 0.0, stroke_m
+    return replace(arm, prismatic=slides, limits_rad=limits)
+
+
+def test_a_rail_is_no_reach_of_the_arm_that_it_carries():
+    arm = load_arm("ur10")
+    limits = PlanSetup(on_a_rail(arm, 50.0), instruments()["points"], option()).constraints
+    assert "the tool off the base's axis" not in limits
+    assert (
+        "the tool off the base's axis"
+        in PlanSetup(arm, instruments()["points"], option()).constraints
+    )
+    plan = plan_poses(on_a_rail(arm, 50.0), "points", 30, option())
+    assert len(plan) == 30
+
+
+def test_targets_too_near_the_links_are_told_what_to_state():
+    near = {"targets_mm": ((0, 0, 1), (1, 0, 1), (0, 1, 1)), "floor_mm": None}
+    with pytest.raises(CalibrationError, match="state targets further from the flange"):
+        plan_poses(load_arm("gx4_351s"), "points", 20, option(**near))

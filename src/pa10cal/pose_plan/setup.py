@@ -26,9 +26,10 @@ _ROUNDING = 1e-9
 #: Candidates to draw for each pose of a plan, at least.
 _CANDIDATES_A_POSE = 3
 #: Least distances of the tool from the base's axis and of targets from the lines from joint to
-#: joint, in the arm's reach: about how thick arms are.
+#: joint, in the arm's reach without axes that carry it as a rail does: about how thick arms are.
 _COLUMN_SHARE = 0.1
 _CLEARANCE_SHARE = 0.05
+_OFF_LINKS = "the tool off the links"
 #: Where targets sit by default: in front of the flange, and off its axis [m].
 _AHEAD_M, _OFF_M = 0.1, 0.06
 #: Default number of targets of an instrument that sees several.
@@ -102,7 +103,9 @@ class PlanSetup:
     @property
     def constraints(self) -> dict[str, workspace.Constraint]:
         """Return the constraints on poses, the quickest first, by what users know them by."""
-        options, reach_m = self.options, self.arm.reach_m
+        options, carried = self.options, _rails(self.arm)
+        strokes_m = np.abs(self.arm.joint_ranges_rad[:carried]).max(axis=1, initial=0.0)
+        reach_m = self.arm.reach_m - float(strokes_m.sum())
         constraints: dict[str, workspace.Constraint] = {}
         if options.workspace_mm is not None:
             corners_m = MM * np.array(options.workspace_mm)
@@ -112,8 +115,10 @@ class PlanSetup:
             constraints["reach_mm"] = workspace.reach(MM * options.reach_mm)
         if options.floor_mm is not None:
             constraints["floor_mm"] = workspace.above(MM * options.floor_mm)
-        constraints["the tool off the base's axis"] = workspace.off_column(_COLUMN_SHARE * reach_m)
-        constraints["the tool off the links"] = workspace.off_links(_CLEARANCE_SHARE * reach_m)
+        if not carried:
+            column_m = _COLUMN_SHARE * reach_m
+            constraints["the tool off the base's axis"] = workspace.off_column(column_m)
+        constraints[_OFF_LINKS] = workspace.off_links(_CLEARANCE_SHARE * reach_m)
         boxes = []
         for number, stated in enumerate(options.keep_out, start=1):
             box = workspace.Box(MM * np.array(stated.min_mm), MM * np.array(stated.max_mm))
@@ -180,13 +185,19 @@ class PlanSetup:
         removed = {name: count for name, count in drawn.removed.items() if count}
         worst = max(removed, key=lambda name: removed[name])
         counts = "; ".join(f"{name}: {count}" for name, count in removed.items())
+        further = "; or state targets further from the flange: --options with targets_mm"
         raise CalibrationError(
             "hardly any pose keeps within all limits" if len(drawn.q) else "no pose is left",
             where="poses drawn within the joint limits",
             value=f"{len(drawn.q)} of {drawn.drawn}; removed, one after the other: {counts}",
             allowed=f"at least {least}",
-            remedy=f"allow more room, first of all for: {worst}",
+            remedy=f"allow more room, first of all for: {worst}{further * (worst == _OFF_LINKS)}",
         )
+
+
+def _rails(arm: Arm) -> int:
+    """Return how many joints slide before the first that turns: they carry the whole arm."""
+    return int(np.argmin(np.append(arm.prismatic, False)))
 
 
 def instrument_named(name: str) -> type[Instrument]:
