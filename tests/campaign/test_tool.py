@@ -2,7 +2,9 @@
 
 import pytest
 
-from pa10cal.campaign.description import Tool
+from made_up_sightings import sighted
+from pa10cal.campaign.description import Tool, read_description
+from pa10cal.files.arms import load_arm
 
 
 @pytest.mark.parametrize(
@@ -19,3 +21,12 @@ def test_a_centre_of_mass_at_the_flange_is_one_that_nobody_stated(stated, u_m):
     """It lies somewhere along the tool."""
     tool = Tool.model_validate({"load_point_mm": (0, 0, 0), **stated})
     assert tool.com_u_m == (None if u_m is None else pytest.approx(u_m))
+
+
+def test_without_gravity_no_weights_are_calculated(tmp_path):
+    raw = sighted(tmp_path, "points")
+    raw.description["gravity_m_s2"] = [0, 0, 0]
+    arm = load_arm("ur10")
+    campaign = read_description(raw.write())
+    assert campaign.payload(arm) is None
+    assert campaign.model_copy(update={"gravity_m_s2": (0.0, 0.0, -9.81)}).payload(arm) is not None

@@ -177,7 +177,7 @@ def test_no_target_is_dropped(tmp_path, capsys):
 
 SLIPS = [
     ("predict", [f"id,{JOINTS}"], "no row under the header"),
-    ("predict", [f"id,{JOINTS.replace('deg', 'rad')}", "P1,1,2,3,4,5,6"], "q1_deg.*rename it"),
+    ("predict", [f"id,{JOINTS.replace('deg', 'rad')}", "P1,1,2,3,4,5,6"], "unit .*q1_rad"),
     (
         "predict",
         [f"id,{JOINTS}", "P1,1,2,3,4,5,6", "P2,1,2,x,4,5,6"],
@@ -187,7 +187,7 @@ SLIPS = [
     ("predict", [f"id,{JOINTS}", "P1,1,2,3,4,5,6", "P2,1,2,3"], ":3: the number of fields"),
     ("predict", [""], "the file is empty"),
     ("predict", [f"id,{JOINTS},q1_deg", "P1,1,2,3,4,5,6,7"], "q1_deg occurs twice"),
-    ("predict", [JOINTS, "1,2,3,4,5,6"], "missing column id"),
+    ("predict", [f"pose,{JOINTS}", "P1,1,2,3,4,5,6"], "missing column id .*rename pose to id"),
     ("predict", [f"id,{JOINTS}", 'P1,"1,5",2,3,4,5,6'], "a decimal comma"),
     ("predict", [f"id,{JOINTS}", "P1,1,2,3,4,5,6\0"], "not UTF-8 text"),
     ("predict", [f"id,{JOINTS}", "P1,1,2,3,4,5,inf"], "not a finite number"),

@@ -75,6 +75,22 @@ def test_a_folder_is_refused_before_anything_is_started(
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("cell 7", "name: results cannot be called so (got 'cell 7'); allowed: a name of at most"),
+        ("cell 7", "set name: cell-7, and call the folder so"),
+        ("fleet", "allowed: no folder of a study; set name: my-fleet, and call the folder so"),
+    ],
+)
+def test_a_name_that_results_cannot_have_is_refused_with_another(
+    campaign, tmp_path, capsys, name, message
+):
+    folder = campaign(name)
+    assert run_command("run", [str(folder), "--out", str(tmp_path / "out")]) == REFUSED
+    assert message in capsys.readouterr().err
+
+
 def test_a_file_that_cannot_be_read_is_refused_before_anything_is_started(
     campaign, tmp_path, capsys
 ):
@@ -400,7 +416,7 @@ def test_a_fleet_is_summarised_and_its_campaigns_are_compared(done, capsys):
     assert (found.arms[0].campaigns, found.arms[0].last) == (2, "second")
     with (done / "fleet/fleet.csv").open(encoding="utf-8") as file:
         assert [row["agrees_with_previous"] for row in csv.DictReader(file)] == ["yes", ""]
-    assert "2 campaigns of 1 arms: 2 good" in capsys.readouterr().out
+    assert "2 campaigns of 1 arm: 2 good" in capsys.readouterr().out
 
 
 def test_a_joint_zero_that_moved_between_campaigns_is_told(done, tmp_path):

@@ -13,6 +13,7 @@ from made_up_model import fitted, postures, vocabulary
 from made_up_poses import at_rest
 from pa10cal.arm.ur_calibration import ur_deltas_text
 from pa10cal.fit.rigid import (
+    RigidError,
     best_rigid_model,
     beyond_rigid,
     beyond_rigid_mm,
@@ -147,3 +148,11 @@ def test_the_best_rigid_model_is_nearer_than_the_rigid_part_and_exact_where_all_
     found = np.radians(float(rows[1]["theta_calibrated_deg"]))
     (column,) = best.chain.columns(("theta_2",))
     assert found == pytest.approx(best.coordinates[column], abs=1e-10)
+
+
+@pytest.mark.parametrize(
+    ("frame", "words"),
+    [("flange", "the flange"), ("target_target", "the target"), ("target_T1", "target T1")],
+)
+def test_the_error_of_a_rigid_part_names_its_frame_in_words(frame, words):
+    assert str(RigidError(0.1, 0.2, 30, frame)).startswith(f"{words} is off by 0.100 mm rms")

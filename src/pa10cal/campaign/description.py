@@ -232,8 +232,8 @@ class CampaignDescription(Section):
         return np.array(centres, dtype=float).reshape(-1, 3)
 
     def payload(self, arm: Arm) -> Payload | None:
-        """Return the payload; None where the masses of the arm's links are not known."""
-        if arm.mass_kg is None:
+        """Return the payload; None where gravity or the masses of the arm's links are not known."""
+        if arm.mass_kg is None or not any(self.gravity_m_s2):
             return None
         return Payload(
             mass_kg=self.tool.mass_kg,

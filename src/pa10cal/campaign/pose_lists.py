@@ -105,17 +105,9 @@ def _read(path: Path, prismatic: Mask, required: Sequence[str]) -> tuple[RawRows
     """Read a list of joints or targets: its rows, and what both kinds of list hold."""
     joints = position_columns(prismatic)
     sides = [f"arrival{joint}" for joint in range(1, len(joints) + 1)]
-    others = [name for name in column_names(path) if _JOINT.fullmatch(name) and name not in joints]
+    _refuse_other_names(path, joints, ["id", *required])
     together = () if joints[0] in required else joints
     raw = read_rows(path, ["id", *required], [*_OF_POSE, *sides], together, repeats=True)
-    if others:
-        raise RawDataError(
-            "a column of another arm, or in another unit",
-            where=f"{path}:1",
-            value=others[0],
-            allowed=", ".join(joints),
-            remedy="give a model of the same arm, or rename the column",
-        )
     raw = raw.finite(required).finite([*together, *_OF_POSE, *sides], may_be_blank=True)
     if raw.quarantined:
         first = min(raw.quarantined, key=lambda row: row.line)
@@ -168,6 +160,27 @@ def _read(path: Path, prismatic: Mask, required: Sequence[str]) -> tuple[RawRows
         **dict(zip(_OF_POSE, raw.numbers_of(_OF_POSE).T, strict=True)),
         unused=raw.unused,
     )
+
+
+def _refuse_other_names(path: Path, joints: Sequence[str], required: Sequence[str]) -> None:
+    """Refuse columns of joints that the arm does not have, and a campaign's name of the labels."""
+    names = column_names(path)
+    if others := [name for name in names if _JOINT.fullmatch(name) and name not in joints]:
+        raise RawDataError(
+            "a column of another arm, or in another unit",
+            where=f"{path}:1",
+            value=others[0],
+            allowed=", ".join(joints),
+            remedy="give a model of the same arm, or its joints, each in the unit of its name",
+        )
+    if "id" not in names and "pose" in names:
+        raise RawDataError(
+            "missing column id",
+            where=f"{path}:1",
+            value=", ".join(names),
+            allowed=", ".join(required),
+            remedy="rename pose to id",
+        )
 
 
 def poses_text(

@@ -112,8 +112,11 @@ def _attention_lines(record: FleetRecord) -> Iterator[str]:
 
 def _counts(record: FleetRecord) -> str:
     """Return how many campaigns of how many arms there are, and how many of each outcome."""
+    from pa10cal.reports.formatting import count as number_of
+
     counts = ", ".join(f"{count} {outcome}" for outcome, count in record.counts.items())
-    return f"{len(record.campaigns)} campaigns of {len(record.arms)} arms: {counts}"
+    campaigns = number_of(len(record.campaigns), "campaign")
+    return f"{campaigns} of {number_of(len(record.arms), 'arm')}: {counts}"
 
 
 def fleet_summary(*, campaigns: str, raw_dir: Path, results: Path, out: Path) -> None:

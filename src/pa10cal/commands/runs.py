@@ -159,10 +159,27 @@ def _campaign_names(folders: Sequence[Path], group: str | None, arms: Path | Non
         arm = description.nominal_arm(campaign, folder, arms)
         file = str(folder / description.DESCRIPTION_FILE)
         description.check_joints(campaign, len(arm.axes_slide), file)
+        _refuse_name(campaign.name, file)
         names.append(campaign.name)
     if group is not None:
         description.check_names(group, names, f"--group {group}")
     return names
+
+
+def _refuse_name(name: str, file: str) -> None:
+    """Refuse the name of a campaign that its results cannot have."""
+    from pa10cal.commands.data import label_of
+    from pa10cal.errors import NAME_RULE, SettingsError, fits_a_folder
+    from pa10cal.settings import RESERVED
+
+    if not fits_a_folder(name) or name in RESERVED:
+        raise SettingsError(
+            "results cannot be called so",
+            where=f"{file}: name",
+            value=name,
+            allowed="no folder of a study" if name in RESERVED else NAME_RULE,
+            remedy=f"set name: {label_of(name)}, and call the folder so",
+        )
 
 
 def _read_small_campaigns(

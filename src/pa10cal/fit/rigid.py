@@ -46,10 +46,16 @@ class RigidError:
     def __str__(self) -> str:
         """Return it in words."""
         return (
-            f"the {self.frame} is off by {self.rms_mm:.3f} mm rms, {self.peak_mm:.3f} mm at most, "
-            f"over the {self.poses} measured poses with their loads, the model's own uncertainty "
-            "included"
+            f"{_in_words(self.frame)} is off by {self.rms_mm:.3f} mm rms, "
+            f"{self.peak_mm:.3f} mm at most, over the {self.poses} measured poses with their "
+            "loads, the model's own uncertainty included"
         )
+
+
+def _in_words(frame: str) -> str:
+    """Return a frame in words: `target_T1` as target T1."""
+    name = frame.removeprefix("target_")
+    return f"the {name}" if name in (frame, "target") else f"target {name}"
 
 
 @dataclass(frozen=True)
