@@ -29,8 +29,10 @@ from pa10cal.results.outcomes import Caption, PicturesRecord
 _PLACES = {"figure": "figures", "table": "tables", "film": "figures"}
 #: Longer provenances are cut after a sentence.
 _MOST_LETTERS = 400
-#: Panels side by side; their width, height and distance [mm].
-_COLUMNS, _WIDE_MM, _HIGH_MM, _APART_MM = 4, 30.0, 20.0, 10.0
+#: Campaigns whose numbers stand below a panel, at most.
+_MOST_NUMBERS = 8
+#: Panels side by side; their width and height, and what is between them across and down [mm].
+_COLUMNS, _WIDE_MM, _HIGH_MM, _LABELS_MM, _APART_MM = 4, 26.0, 20.0, 14.0, 12.0
 
 
 @dataclass(frozen=True)
@@ -223,9 +225,11 @@ def write_drift(record: DriftRecord, folder: Path, name: str, png_dpi: int) -> N
     with theme():
         title = f"{record.robot}: parameters over {count} campaigns, less the first"
         figure = new_figure(height_mm, title)
+        last = 0 if count <= _MOST_NUMBERS else count - 1  # of more, the last is named alone
+        numbers = [str(k + 1) if k >= last else "" for k in range(count)]
         for k, (term, of, parameter) in enumerate(keys):
             line, column = divmod(k, _COLUMNS)
-            x_mm = 12.0 + column * (_WIDE_MM + _APART_MM)
+            x_mm = 16.0 + column * (_WIDE_MM + _LABELS_MM)
             y_mm = height_mm - 4.0 - (line + 1) * (_HIGH_MM + _APART_MM)
             axes = panel(figure, x_mm, y_mm, _WIDE_MM, _HIGH_MM)
             at = (rows.term == term) & (rows.of == of) & (rows.parameter == parameter)
@@ -244,7 +248,7 @@ def write_drift(record: DriftRecord, folder: Path, name: str, png_dpi: int) -> N
                 capsize=1.5,
             )
             axes.set(title=f"{display_name(parameter)} [{unit}]", xlim=(-0.4, count - 0.6))
-            axes.set_xticks(np.arange(count), [""] * count)
+            axes.set_xticks(np.arange(count), numbers)
             axes.yaxis.set_major_locator(MaxNLocator(3))
         names = ", ".join(f"{k + 1} {campaign}" for k, campaign in enumerate(record.campaigns))
         footer = f"Bars: 95 % intervals. Campaigns from left to right: {names}. {record.line}"
