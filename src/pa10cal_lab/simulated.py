@@ -127,7 +127,7 @@ def draw_by_unknowns(
         T_ee_target[:3, 3][held] = 0.0
     else:
         p_ee_m = np.zeros(targets.p_ee_m.size)
-        p_ee_m[unknowns.places] = targets.p_ee_m.ravel()[unknowns.places]
+        p_ee_m[unknowns.targets_kept] = targets.p_ee_m.ravel()[unknowns.targets_kept]
         targets = replace(targets, p_ee_m=p_ee_m.reshape(-1, 3))
     mechanism = Mechanism.of(arm, rows, free.mechanism.payload)
     return replace(

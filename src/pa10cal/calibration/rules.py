@@ -171,6 +171,9 @@ class Unknowns:
     """Which parameters are unknowns, and how far they may go."""
 
     configurations: int = 60  # joint positions at which redundancy is judged (computing)
+    # rows of all of them, in the columns of which the independent ones are sought, at least
+    # (computing)
+    rows_a_column: float = 1.5
     random_seed: int = 1  # their random seed (computing)
     # part of a column that must remain beside those before it: exact redundancy leaves
     # 1e-13 (computing)

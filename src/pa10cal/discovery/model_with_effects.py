@@ -108,7 +108,7 @@ def bounds_of_unknowns(baseline: FittedModel, model: Model, measured: Instrument
     if not count:
         return bounds
     held = np.ones(count, dtype=bool)
-    held[identified_geometry(baseline, measured).places] = False
+    held[identified_geometry(baseline, measured).targets_kept] = False
     at = len(model.parameters) + np.flatnonzero(held)
     bounds.lower[at] = bounds.upper[at] = baseline.targets_m[held]
     return bounds

@@ -357,5 +357,5 @@ def test_unknowns_are_chosen_by_poses_in_any_order_and_of_some_campaigns_too(mem
         for rows in (slice(None), mixed, *of_one)
     )
     assert shuffled.links == both.links
-    assert len(both.places) == len(shuffled.places) == len(first.places) == 9
-    assert not len(second.places)  # the targets are those of the first campaign
+    assert len(both.targets_kept) == len(shuffled.targets_kept) == len(first.targets_kept) == 9
+    assert not len(second.targets_kept)  # the targets are those of the first campaign

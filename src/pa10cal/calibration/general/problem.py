@@ -121,7 +121,7 @@ def with_unknown_frames(
     frames = (*unknowns.frames, unknowns.base)
     problem = Problem(
         Model(arm.chain, (*arm.terms, *frames)),
-        unknowns.places,
+        unknowns.targets_kept,
         start.targets_m,
         start.T_instr_base,
         observations.turned(start.R_ee_target),

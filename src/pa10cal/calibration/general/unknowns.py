@@ -1,10 +1,10 @@
 """Which geometric parameters arm and instrument can identify: complete and minimal.
 
 Complete: every parameter with an effect is there, or replaced by others. Minimal: none of them is
-redundant. Candidates are taken one after the other, frames first, then targets, then the links from
-the base outward; one whose column of the Jacobian is a combination of those before it is omitted. A
-column that others represent only by large coefficients replaces the last of these: along nearly
-parallel axes, links represent the height of tool or target only by a shift of metres.
+redundant. Candidates are taken one after the other: the base, other frames, targets, then the links
+from the base outward; one whose column of the Jacobian is a combination of those before it is
+omitted. A column that others represent only by large coefficients replaces the last of these: along
+nearly parallel axes, links represent the height of tool or target only by a shift of metres.
 
 This depends on arm and instrument alone, so it is decided at random joint positions within the
 limits, before any reading. What the measured poses then identify is a separate question, which the
@@ -31,9 +31,6 @@ from pa10cal.terms.offsets import Offsets, base_frame, link_departures, tool_fra
 from pa10cal.terms.term import TermParameter
 from pa10cal.terms.wrapped import OfCampaign, OfPart
 
-#: Range of joint positions, either way, where no narrower limit is stated.
-_WIDEST_RAD = np.pi
-
 
 @dataclass(frozen=True)
 class ChosenUnknowns:
@@ -44,7 +41,7 @@ class ChosenUnknowns:
     # every campaign's tool and of the bases of all campaigns but the first
     frames: tuple[Offsets | OfCampaign | OfPart, ...]
     base: Offsets  # motions of the base kept
-    places: Index  # coordinates of targets kept, as indices into `target_parameters`
+    targets_kept: Index  # coordinates of targets kept, as indices into `target_parameters`
     redundant: tuple[Redundant, ...]  # parameters omitted, with those that replace them
 
 
@@ -73,13 +70,14 @@ def choose_unknowns(
     columns[:, size <= UNKNOWNS.no_column * size.max()] = 0.0
     kept, coefficients = _well_conditioned(columns, _independent(columns), base_count)
     names = {parameters[k].name for k in kept}
-    places = [k - targets_at for k in kept if 0 <= k - targets_at < len(start.targets_m)]
+    target_count = len(measured.target_parameters)
+    targets_kept = [k - targets_at for k in kept if 0 <= k - targets_at < target_count]
     kept_frames = [frame.only(names) for frame in frames]
     return ChosenUnknowns(
         links=links.only(names),
         frames=tuple(frame for frame in kept_frames if frame.parameters),
         base=base.only(names),
-        places=np.array(places, dtype=np.intp),
+        targets_kept=np.array(targets_kept, dtype=np.intp),
         redundant=_redundant(coefficients, kept, parameters),
     )
 
@@ -108,7 +106,12 @@ def _design_matrix(model: Model, measured: Instrument, start: Start, targets_at:
     Args:
         targets_at: column of the model's parameters before which those of the targets stand.
     """
-    states = _random_states(model.chain.arm)
+    # Rows enough for all columns, whatever the instrument measures in one configuration.
+    seen = measured.components_seen
+    components = min(seen[part].shape[1] for part in measured.parts_seen)
+    columns = len(model.parameters) + len(measured.target_parameters)
+    count = int(np.ceil(UNKNOWNS.rows_a_column * columns / components))
+    states = _random_states(model.chain.arm, max(count, UNKNOWNS.configurations))
     if measured.campaigns:
         # The same states in every campaign of a group that has poses, each with the first reading
         # of that campaign, whose numbers play no part.
@@ -129,21 +132,26 @@ def _design_matrix(model: Model, measured: Instrument, start: Start, targets_at:
     )
 
 
-def _random_states(arm: Arm) -> PoseStates:
-    """Return unloaded states at random joint positions within the limits."""
+def _random_states(arm: Arm, count: int) -> PoseStates:
+    """Return unloaded states at random joint positions: within the limits, but over one turn.
+
+    Where the limits contain the turn about zero, it is that one, else the one about their middle.
+    """
     low, high = arm.axis_limits_rad.T
-    low = np.where(arm.axes_slide, low, np.maximum(low, -_WIDEST_RAD))
-    high = np.where(arm.axes_slide, high, np.minimum(high, _WIDEST_RAD))
+    about_zero = (low <= -np.pi) & (high >= np.pi)
+    middle = np.where(about_zero, 0.0, 0.5 * (low + high))
+    longer = ~arm.axes_slide & (high - low > 2.0 * np.pi)
+    low, high = np.where(longer, middle - np.pi, low), np.where(longer, middle + np.pi, high)
     generator = np.random.default_rng(UNKNOWNS.random_seed)
-    axes_rad = generator.uniform(low, high, (UNKNOWNS.configurations, len(low)))
+    axes_rad = generator.uniform(low, high, (count, len(low)))
     q_rad = arm.coupling.to_joints(axes_rad)
-    zeros, zero = np.zeros_like(q_rad), np.zeros(UNKNOWNS.configurations)
+    zeros, zero = np.zeros_like(q_rad), np.zeros(count)
     return PoseStates(q_rad, zeros, zeros, zero, zero, zero)
 
 
 def _independent(columns: Array) -> list[int]:
     """Return the columns, in order, that are not linear combinations of those before them."""
-    basis = np.empty((columns.shape[1], len(columns)))
+    basis = np.empty((columns.shape[1], len(columns)))  # its first rows are orthonormal
     kept: list[int] = []
     for k, column in enumerate(np.ascontiguousarray(columns.T)):
         before = basis[: len(kept)]
@@ -166,7 +174,8 @@ def _well_conditioned(columns: Array, kept: list[int], fixed: int) -> tuple[list
         fixed: the first columns, so many, are not exchanged.
 
     Returns:
-        The columns kept, and the coefficients (kept, omitted) that make the omitted ones of them.
+        The columns kept, and the coefficients (kept, omitted) that make the omitted ones of them,
+        in the units of `columns`.
     """
     size = np.linalg.norm(columns, axis=0)
     size[size == 0.0] = 1.0
@@ -175,20 +184,27 @@ def _well_conditioned(columns: Array, kept: list[int], fixed: int) -> tuple[list
         omitted = [k for k in range(len(size)) if k not in kept]
         basis, triangle = np.linalg.qr(unit[:, kept])
         coefficients = np.linalg.solve(triangle, basis.T @ unit[:, omitted])
-        large = np.abs(coefficients)
-        large[np.array(kept) < fixed] = 0.0
-        large[:, ~np.isin(omitted, with_effect)] = 0.0
-        if not large.size or large.max() <= UNKNOWNS.most_times:
+        sizes = np.abs(coefficients)
+        sizes[np.array(kept) < fixed] = 0.0
+        sizes[:, ~np.isin(omitted, with_effect)] = 0.0
+        if not sizes.size or sizes.max() <= UNKNOWNS.most_times:
             return kept, coefficients * size[omitted] / size[kept][:, None]
-        worst = int(np.argmax(large.max(axis=0)))
-        last = int(np.flatnonzero(large[:, worst] > UNKNOWNS.most_times)[-1])
-        kept = sorted([*kept[:last], *kept[last + 1 :], omitted[worst]])
+        # The omitted column that is worst represented replaces the last one that represents it by a
+        # large coefficient: of the candidates, those nearer the base stay.
+        omitted_worst = int(np.argmax(sizes.max(axis=0)))
+        kept_last = int(np.flatnonzero(sizes[:, omitted_worst] > UNKNOWNS.most_times)[-1])
+        kept = sorted([*kept[:kept_last], *kept[kept_last + 1 :], omitted[omitted_worst]])
 
 
 def _redundant(
     coefficients: Array, kept: list[int], parameters: tuple[TermParameter, ...]
 ) -> tuple[Redundant, ...]:
-    """Return the parameters omitted, and those kept that replace them."""
+    """Return the parameters omitted, and those kept that replace them.
+
+    Args:
+        coefficients: (kept, omitted), of the columns in scaled parameters; those returned are in
+            the units of the parameters.
+    """
     omitted = [k for k in range(len(parameters)) if k not in kept]
     scale = np.array([parameter.scale for parameter in parameters])
     coefficients = (
