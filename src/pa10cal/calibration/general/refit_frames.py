@@ -59,7 +59,7 @@ def fit_with_targets_shown(
     """
     base_is_free = len(unknowns.base.parameters) == len(BASE)
     if base_is_free and 0 < len(unknowns.targets_kept) < len(start.targets_m):
-        fit_of_all = fit_with(replace(unknowns, places=np.arange(len(start.targets_m))))
+        fit_of_all = fit_with(replace(unknowns, targets_kept=np.arange(len(start.targets_m))))
         if _identifies_all(fit_of_all):
             return fit_of_all
     return fit_with(unknowns)
