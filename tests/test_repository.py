@@ -150,7 +150,7 @@ MAY_IMPORT = {
         "arm.urdf_import",
         "arm.urdf_writing",
         "arm.ur_calibration",
-        "arm.urdf_reading",
+        "arm.urdf_ends",
         "settings",
     },
     "figures": {

@@ -240,6 +240,8 @@ PLAIN = robot([("revolute", (0, 0, 0.1), (0, 0, 0), (0, 0, 1))] * 2)
         ('type="revolute"', 'type="floating"', r"joint j0: a joint of this type.*--base"),
         ('type="revolute"', 'type="planar"', r"joint j0: a joint of this type.*planar"),
         ("<axis", '<mimic joint="j7"/><axis', r"joint j0: the joint follows joint j7"),
+        ("<axis", "<mimic/><axis", r"joint j0: the joint follows joint <not named>"),
+        ("0.0 0.0 0.1", "0 0 1_0", "xyz cannot be read"),
         ('<parent link="l0"/>', "", r"joint j0: the joint has no parent"),
         ('<child link="l1"/>', '<child link="l9"/>', r"joint j0: .*not there.*l9.*l0, l1, l2"),
         ('<child link="l2"/>', '<child link="l1"/>', r"two joints have the same child link.*l1"),
@@ -278,6 +280,15 @@ def test_numbers_of_joints_off_the_path_are_of_no_effect():
 def test_xacro_in_a_comment_was_worked_out_already():
     text = PLAIN.replace("<link", "<!-- was: <xacro:arm length='${h}'/> of $(find arm) --><link", 1)
     assert imported(text).joints == ("j0", "j1")
+
+
+def test_what_only_a_simulator_reads_may_hold_expressions():
+    gazebo = "<gazebo><parameters>$(find arm)/control.yaml</parameters></gazebo></robot>"
+    assert imported(PLAIN.replace("</robot>", gazebo)).arm.n == imported(PLAIN).arm.n
+
+
+def test_an_effort_without_limit_is_not_stated():
+    assert np.isnan(imported(PLAIN.replace('effort="7"', 'effort="inf"')).arm.torque_limit_Nm).all()
 
 
 def test_a_joint_and_a_link_may_have_one_name():

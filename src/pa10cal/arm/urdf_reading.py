@@ -1,14 +1,8 @@
-"""A URDF read from its text: XML, links and joints, checked one by one, and the ends of its arm.
-
-Files of known robots hold more than the arm: wheels below it, a gripper at its end, frames of
-cameras, the controller's base beside the first link. Where nobody names base and tip, the arm is
-the longest chain of joints; where two are about as long, as of a humanoid, the file is refused.
-"""
+"""A URDF read from its text: XML, links and joints, checked one by one."""
 
 from __future__ import annotations
 
 import math
-import re
 from collections import Counter
 from dataclasses import dataclass
 from xml.etree import ElementTree
@@ -26,6 +20,9 @@ _MOST_LINKS, _MOST_LETTERS = 5000, 64
 #: Types of joints in a URDF. No serial chain contains the last two.
 _KINDS = (*MOVING, "fixed", "floating", "planar")
 _ZERO = (0.0, 0.0, 0.0)
+#: The joint that a joint mimics where none is named: no joint is called so.
+_NOT_NAMED = "<not named>"
+_WITHOUT_LIMIT = ("inf", "+inf", "infinity", "+infinity")
 
 
 @dataclass(frozen=True)
@@ -125,17 +122,13 @@ def read_tree(text: str, where: str) -> UrdfTree:
             allowed="<robot> as the outermost element",
             remedy="check the file",
         )
-    for element in robot.iter():
-        # Elements of xacro, or expressions that it evaluates. In comments, which the parser has
-        # dropped, they are of no effect.
-        words = (element.text or "", *element.attrib.values())
-        if "xacro" in element.tag or any("${" in word or "$(" in word for word in words):
-            raise ArmError(
-                "xacro macros are not expanded",
-                where=where,
-                allowed="plain URDF",
-                remedy="run xacro on it first: xacro robot.urdf.xacro > robot.urdf",
-            )
+    if _needs_xacro(robot):
+        raise ArmError(
+            "xacro macros are not expanded",
+            where=where,
+            allowed="plain URDF",
+            remedy="run xacro on it first: xacro robot.urdf.xacro > robot.urdf",
+        )
     if (count := len(robot.findall("link"))) > _MOST_LINKS:
         raise ArmError(
             "there are too many links",
@@ -147,6 +140,20 @@ def read_tree(text: str, where: str) -> UrdfTree:
     links = tuple(_link(element, where) for element in robot.findall("link"))
     joints = tuple(_joint(element, where) for element in robot.findall("joint"))
     return _tree(links, joints, where)
+
+
+def _needs_xacro(robot: ElementTree.Element) -> bool:
+    """Return whether there are elements of xacro, or links or joints with expressions for it.
+
+    Elsewhere, as in what a simulator reads (`<gazebo>`), an expression may be meant for others.
+    """
+    if any("xacro" in element.tag for element in robot.iter()):
+        return True
+    used = (
+        part for tag in ("link", "joint") for each in robot.iterfind(tag) for part in each.iter()
+    )
+    words = (word for part in used for word in (part.text or "", *part.attrib.values()))
+    return any("${" in word or "$(" in word for word in words)
 
 
 def _tree(links: tuple[UrdfLink, ...], joints: tuple[UrdfJoint, ...], where: str) -> UrdfTree:
@@ -248,15 +255,22 @@ def _joint(element: ElementTree.Element, where: str) -> UrdfJoint:
         kind=kind,
         parent=_end(element, "parent", place),
         child=_end(element, "child", place),
-        follows="" if mimic is None else mimic.get("joint", "another"),
+        follows="" if mimic is None else mimic.get("joint") or _NOT_NAMED,
         multiplier=_numbers(mimic, "multiplier", (1.0,), f"{place}: mimic")[0],
         offset=_numbers(mimic, "offset", (0.0,), f"{place}: mimic")[0],
         xyz=xyz,
         rpy=_numbers(origin, "rpy", _ZERO, f"{place}: origin"),
         axis=axis,
         limits=limits,
-        effort=_numbers(limit, "effort", (0.0,), f"{place}: limit")[0] or math.nan,
+        effort=_effort(limit, f"{place}: limit"),
     )
+
+
+def _effort(limit: ElementTree.Element | None, where: str) -> float:
+    """Return the effort of a joint; nan where it is not stated: zero, or without limit."""
+    if limit is not None and limit.get("effort", "").strip().lower() in _WITHOUT_LIMIT:
+        return math.nan
+    return _numbers(limit, "effort", (0.0,), where)[0] or math.nan
 
 
 def _end(element: ElementTree.Element, end: str, where: str) -> str:
@@ -278,7 +292,8 @@ def _numbers(
     if text is None:
         return default
     numbers = text.split(maxsplit=len(default))
-    readable = all(len(number) <= _MOST_LETTERS for number in numbers)
+    # Python reads 1_0 as 10.
+    readable = all(len(number) <= _MOST_LETTERS and "_" not in number for number in numbers)
     try:
         values = tuple(map(float, numbers)) if readable else ()
     except ValueError:
@@ -293,139 +308,3 @@ def _numbers(
             remedy="correct it",
         )
     return values
-
-
-# Which links are base and tip of the arm, where nobody names them.
-
-#: Where chains branch off, one of fewer joints is a wheel, a head, a camera or a finger; and an
-#: arm has as many joints before its hand.
-_FEWEST_JOINTS = 3
-#: A word in the name of a joint, or of the link that it carries, of a hand: the arm ends before it.
-_OF_A_HAND = re.compile(
-    r"(?<![a-z])(l|r|left|right)?(gripper|finger|jaw|hand|knuckle|claw)s?(?![a-z])"
-)
-#: Usual names of the frame at the end of an arm, the controller's own first.
-_TIPS = (
-    re.compile(r"(^|_)tool0$", re.IGNORECASE),
-    re.compile(r"(^|_)flange$", re.IGNORECASE),
-    re.compile(r"(^|_)(link_?eef?|eef?_link|end_?effector(_link)?)$", re.IGNORECASE),
-)
-#: Usual names of the base; the controller's own, `base`, is preferred to the others.
-_BASE = re.compile(r"(^|_)(base|base_?link|link_?base|link_?0)$", re.IGNORECASE)
-
-
-def ends_of_arm(text: str, where: str) -> tuple[str, str]:
-    """Return base and tip of the one arm in a URDF; `where` is its name in messages.
-
-    From the root the moving joints are followed. Where several chains of them branch off, the
-    longest is the arm's if it has three joints or more, and two more than any other. The arm ends
-    where a hand begins. The tip is the link that the last joint carries, or one fixed to it that is
-    called tool0, flange or end-effector. The base is a link fixed to the one that carries the first
-    joint: one called `base`, or else one towards the root with another usual name of a base; the
-    link that carries the first joint where there is none.
-
-    Raises:
-        ArmError: when there is no such chain, or there are several, or the text is no URDF.
-    """
-    tree = read_tree(text, where)
-    chain: list[UrdfJoint] = []
-    next_joints = _next_moving(tree, tree.root)
-    while next_joints and not _begins_a_hand(tree, next_joints, len(chain)):
-        lengths = [_chain_length(tree, joint) for joint in next_joints]
-        if len(lengths) > 1 and lengths[0] < max(lengths[1] + 2, _FEWEST_JOINTS):
-            raise _ambiguous(tree, next_joints)
-        chain.append(next_joints[0])
-        next_joints = _next_moving(tree, chain[-1].child)
-    if len(chain) < 2:
-        raise _ambiguous(tree, chain)
-    return _base_of(tree, chain[0]), _tip_of(tree, chain[-1])
-
-
-def _begins_a_hand(tree: UrdfTree, next_joints: list[UrdfJoint], joints_so_far: int) -> bool:
-    """Return whether the next moving joints belong to a hand, after so many joints of the arm.
-
-    They do if the names of all say so; one alone may be a camera called after the hand. They also
-    do as fingers: three short chains or more of one length, or two that slide. Two that turn may be
-    the last joint of the arm and a camera beside it.
-    """
-    if joints_so_far < _FEWEST_JOINTS:
-        return False
-    if all(_is_of_a_hand(joint) for joint in next_joints):
-        return True
-    lengths = {_chain_length(tree, joint) for joint in next_joints}
-    all_slide = all(joint.kind == "prismatic" for joint in next_joints)
-    short = len(lengths) == 1 and max(lengths) < _FEWEST_JOINTS
-    return short and len(next_joints) > (1 if all_slide else 2)
-
-
-def _is_of_a_hand(joint: UrdfJoint) -> bool:
-    """Return whether a word in the name of a joint, or of its link, is that of a hand."""
-    words = (re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name) for name in (joint.name, joint.child))
-    return any(_OF_A_HAND.search(name.lower()) for name in words)
-
-
-def _ambiguous(tree: UrdfTree, next_joints: list[UrdfJoint]) -> ArmError:
-    """Return the error that the arm is not clear, with the joints that begin the chains."""
-    chains = ", ".join(f"{_chain_length(tree, joint)} from {joint.name}" for joint in next_joints)
-    return ArmError(
-        "which joints are the arm is not clear: no chain is longer than all others by two joints",
-        where=tree.where,
-        value=f"number of joints: {chains}" if chains else "no joint that moves",
-        allowed="one serial arm, with wheels, head or gripper of fewer joints",
-        remedy="name its ends: pa10cal import_arm … --base LINK --tip LINK --out my_arm.yaml, "
-        "and use my_arm",
-    )
-
-
-def _next_moving(tree: UrdfTree, link: str) -> list[UrdfJoint]:
-    """Return the next moving joints beyond a link and those fixed to it, longest chain first.
-
-    Chains of equal length are in the order of the file.
-    """
-    fixed = set(_fixed_beyond(tree, link))
-    moving = (joint for joint in tree.joints if joint.parent in fixed and joint.kind in MOVING)
-    return sorted(moving, key=lambda joint: -_chain_length(tree, joint))
-
-
-def _fixed_beyond(tree: UrdfTree, link: str) -> list[str]:
-    """Return a link and those fixed to it, each after the one that carries it."""
-    links = [link]
-    for joint in tree.below(link):  # every joint after the one that carries its parent
-        if joint.kind == "fixed" and joint.parent in links:
-            links.append(joint.child)
-    return links
-
-
-def _chain_length(tree: UrdfTree, joint: UrdfJoint) -> int:
-    """Return the number of moving joints on the longest chain that begins with a joint."""
-    lengths = {joint.child: 1}
-    for beyond in tree.below(joint.child):
-        lengths[beyond.child] = lengths[beyond.parent] + (beyond.kind in MOVING)
-    return max(lengths.values())
-
-
-def _base_of(tree: UrdfTree, first: UrdfJoint) -> str:
-    """Return the base of an arm by its first joint."""
-    carriers = [first.parent]  # towards the root
-    for joint in reversed(tree.above(first.parent)):
-        if joint.kind != "fixed":
-            break
-        carriers.append(joint.parent)
-    for link in _fixed_beyond(tree, carriers[-1]):
-        if link.lower() == "base":
-            return link
-    return next((link for link in carriers if _BASE.search(link)), first.parent)
-
-
-def _tip_of(tree: UrdfTree, last: UrdfJoint) -> str:
-    """Return the tip of an arm by its last joint."""
-    carried = _fixed_beyond(tree, last.child)
-    for pattern in _TIPS:
-        if named := [link for link in carried if pattern.search(link)]:
-            return named[0]
-    # The flange of some arms is the link of the next number: link7 carries link8.
-    if number := re.search(r"(\d+)$", last.child):
-        after = f"{last.child[: number.start()]}{int(number[0]) + 1:0{len(number[0])}d}"
-        if after in carried:
-            return after
-    return last.child

@@ -325,8 +325,8 @@ def _import_urdf(
     import numpy as np
 
     from pa10cal.arm.description import neighbouring_axes
+    from pa10cal.arm.urdf_ends import ends_of_arm
     from pa10cal.arm.urdf_import import arm_from_urdf_text
-    from pa10cal.arm.urdf_reading import ends_of_arm
     from pa10cal.files.arms import arm_text, parse_arm, with_short_limits
     from pa10cal.files.known_arms import known_urdf, read_urdf
     from pa10cal.files.output import whole_files

@@ -18,7 +18,7 @@ from pathlib import Path
 from pkgutil import iter_modules
 from typing import TYPE_CHECKING, Any
 
-from pa10cal.arm.urdf_reading import ends_of_arm
+from pa10cal.arm.urdf_ends import ends_of_arm
 from pa10cal.arm.urdf_writing import UrdfSource
 from pa10cal.errors import ArmError, MissingPackageError, one_line
 from pa10cal.input_files import read_file, reason

@@ -2,7 +2,7 @@
 
 import pytest
 
-from pa10cal.arm.urdf_reading import ends_of_arm
+from pa10cal.arm.urdf_ends import ends_of_arm
 from pa10cal.errors import ArmError
 
 
@@ -21,6 +21,15 @@ def robot(*joints):
         )
     named = "".join(f'<link name="{link}"/>' for link in links)
     return f'<robot name="r">{named}{"".join(elements)}</robot>'
+
+
+def named(names, *joints):
+    """A URDF whose joints bear these names."""
+    text = robot(*joints)
+    for number, name in enumerate(names):
+        _, _, child = joints[number].replace(">", "~").replace("=", "~").partition("~")
+        text = text.replace(f'name="j{number}_{child}"', f'name="{name}"')
+    return text
 
 
 def chain(first, *links):
@@ -120,3 +129,59 @@ def test_the_arm_is_the_long_chain_and_its_ends_are_base_and_flange(joints, ends
 def test_where_no_chain_is_the_arm_its_ends_have_to_be_named(joints):
     with pytest.raises(ArmError, match=r"r\.urdf: which joints are the arm.*--base LINK --tip"):
         ends_of_arm(robot(*joints), "r.urdf")
+
+
+@pytest.mark.parametrize(
+    ("names", "joints", "tip"),
+    [
+        # SO-ARM101: its last joint turns the link of its gripper
+        (
+            ("pan", "lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper"),
+            chain("base", "shoulder", "upper", "lower", "wrist", "gripper_link", "moving_jaw"),
+            "gripper_link",
+        ),
+        ([f"joint{k}" for k in range(6)], chain("base", *"12345", "link_hand"), "link_hand"),
+        ([f"joint{k}" for k in range(6)], [*chain("base", *"12345"), "5=hand"], "5"),
+        ([f"joint{k}" for k in range(6)], chain("base", *"12345", "finger_1"), "5"),
+        ([f"l_hand_{k}" for k in range(7)], chain("base", *"1234567"), "7"),
+        (
+            ["a", "b", "c", "d", "hand_joint", "l", "r"],
+            [*chain("base", *"1234", "palm"), "palm=f1", "palm=f2"],
+            "4",
+        ),
+    ],
+    ids=[
+        "gripper link",
+        "hand link",
+        "slides",
+        "finger",
+        "an arm called hand",
+        "hand that branches",
+    ],
+)
+def test_the_last_joint_of_an_arm_may_carry_a_link_called_after_the_hand(names, joints, tip):
+    assert ends_of_arm(named(names, *joints), "r.urdf") == ("base", tip)
+
+
+def test_the_controllers_base_may_have_a_prefix():
+    left = [joint.replace("base", "left_base") for joint in UR]
+    assert ends_of_arm(robot(*left), "r.urdf") == ("left_base", "tool0")
+    other = [*UR[:1], "base_link>camera_base", *UR[2:]]
+    assert ends_of_arm(robot(*other), "r.urdf") == ("base_link", "tool0")
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        (robot("a~b"), "only one joint moves (got 'number of joints: 1 from j0_b')"),
+        (robot("a>b"), "nothing moves (got 'no joint that moves')"),
+        (
+            robot("world>base", *chain("base", "1", "2", "3")).replace("fixed", "floating"),
+            "the arm is beyond a floating joint (got 'joint j0_base')",
+        ),
+    ],
+)
+def test_why_no_chain_is_the_arm_is_told_as_it_is(text, why):
+    with pytest.raises(ArmError) as told:
+        ends_of_arm(text, "r.urdf")
+    assert f"is not clear: {why}" in str(told.value)
