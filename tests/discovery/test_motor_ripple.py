@@ -164,3 +164,14 @@ def test_another_error_does_not_agree():
 def test_one_turn_of_one_campaign_says_nothing():
     assert agreement([turning(0.0, 6.0)]) is None
     assert agreement([]) is None
+
+
+def test_noise_agrees_on_nothing():
+    def noise(seed):
+        only_noise = turning(0.0, 3.0, factor=0.0, seed=seed, poses=200)
+        return replace(only_noise, error_rad=0.0 * only_noise.q_rad)
+
+    found = [agreement([noise(seed), noise(seed + 1000)]) for seed in range(400)]
+    assert sum(each is not None and each.holds for each in found) <= 1
+    # Nor does one that shows an error agree with noise, by which its correlation is unsure.
+    assert agreement([turning(0.0, 3.0), noise(0)]) is None

@@ -527,6 +527,9 @@ class Ripple:
     least_loaded_share: float = 0.02
     arcs: int = 120  # arcs of a turn over which errors are averaged (computing)
     arc_poses: int = 2  # poses that each must have (statistics)
+    # standard deviations of noise beyond which campaigns show an error that they may agree on
+    # (statistics)
+    sure_std: float = 3.0
     # a torque that varies by less than this part of the largest one is constant (computing)
     varying_share: float = 1e-3
 

@@ -174,7 +174,8 @@ class JointWitness(Part):
     """What says whose error a joint's error by its angle is."""
 
     ripple: MotorRipple | None  # of its motor; null where it shows none
-    # of campaigns or turns; null where no angle was seen in two of them
+    # of campaigns or turns; null where no two arcs were seen in two of them, or noise hides the
+    # error there
     agreement: Agreement | None
 
     @property

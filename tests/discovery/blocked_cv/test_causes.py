@@ -132,3 +132,21 @@ def test_a_map_as_fine_as_waves_gets_a_band_where_left_out_poses_say_so(found):
 def test_a_joint_without_a_drive_has_no_cause_and_its_map_stays_a_map():
     of_follower = JointErrorMap("joint 4", map_causes.MAPS.fine_knots, FadingPrior(1e-4, 6.0))
     assert map_causes.named_by_cause((of_follower,), {}) == {}
+
+
+def test_residuals_of_zero_have_finite_weights():
+    rng = np.random.default_rng(0)
+    jacobian = rng.normal(0.0, 1e4, (50, 6, 6))
+    zero, seen = np.zeros((50, 6)), np.ones((50, 6), dtype=bool)
+    residual_rad, weight = map_causes._joint_residuals(jacobian, zero, seen)
+    assert not residual_rad.any()
+    assert np.isfinite(weight).all()
+
+
+def test_torques_that_lack_in_some_poses_are_those_of_their_campaign():
+    torque_Nm = np.array([10.0, 30.0, np.nan, 5.0, 7.0, np.nan, np.nan])
+    campaign = np.array([0, 0, 0, 1, 1, 1, 2])
+    filled = map_causes._varying_torque(torque_Nm, 100.0, campaign)
+    np.testing.assert_array_equal(filled, [10.0, 30.0, 20.0, 5.0, 7.0, 6.0, 0.0])
+    steady = map_causes._varying_torque(np.where(torque_Nm > 0.0, 5.0, np.nan), 100.0, campaign)
+    assert np.isnan(steady).all()

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pa10cal.arrays import Array, Mask
+from pa10cal.arrays import Array, Index, Mask
 from pa10cal.discovery.blocked_cv.refit import Refit
 from pa10cal.discovery.blocked_cv.survey import Survey
 from pa10cal.discovery.jacobians import WhitenedPoses, ideal_by_joints
@@ -56,72 +56,121 @@ def causes_of(survey: Survey, found: Refit) -> dict[int, JointWitness]:
 def joint_series(rows: WhitenedPoses, joints: Sequence[int]) -> list[list[JointSeries]]:
     """Return the series of each joint, one a campaign; empty lists for joints not listed.
 
-    The residual of a pose is the sum of contributions of all joints and of reading noise. Their
-    variances are estimated from all poses by expectation maximisation. A joint's residual is then
-    its score over its information, the other joints being noise.
+    The error of a joint is what its maps say: other effects of it (play, a spring) are neither of
+    its sensor nor of its gear's form.
 
     Args:
         rows: the poses about a model, its maps of joints included.
         joints: joints wanted, counted from 1.
     """
     at, poses, states, arm = rows.at, rows.poses, rows.poses.states, rows.at.arm
-    screws, seen = rows.whitener @ ideal_by_joints(at, poses), poses.measured.components_seen
-    score, weight = _scores(screws, rows.data, seen)
-    error_rad = np.zeros_like(score)
+    jacobian, seen = rows.whitener @ ideal_by_joints(at, poses), poses.measured.components_seen
+    residual_rad, weight = _joint_residuals(jacobian, rows.data, seen)
+    error_rad = np.zeros_like(residual_rad)
     for term in at.model.terms:
         if is_error_map(term):
             values = at.x[at.model.columns_of(term)]
             error_rad[:, term.joint - 1] += term.shift(states, values)[:, 0]
-    rated_Nm = arm.rated_Nm(np.abs(states.tau_Nm).max(axis=0))
-    loaded = states.tau_Nm.std(axis=0) > RIPPLE.least_loaded_share * rated_Nm
-    torque_Nm = np.where(loaded, states.tau_Nm, np.nan)
+    rated_Nm = arm.rated_Nm(np.abs(np.nan_to_num(states.tau_Nm)).max(axis=0))
     campaign = np.zeros(len(poses), int) if states.campaign is None else states.campaign
-    found: list[list[JointSeries]] = [[] for _ in range(score.shape[1])]
+    found: list[list[JointSeries]] = [[] for _ in range(arm.n)]
     for joint in joints:
         j = joint - 1
         all_campaigns = JointSeries(
             q_rad=states.q_rad[:, j],
-            residual_rad=score[:, j] / weight[:, j],
+            residual_rad=residual_rad[:, j],
             weight=weight[:, j],
             error_rad=error_rad[:, j],
-            torque_Nm=torque_Nm[:, j],
+            torque_Nm=_varying_torque(states.tau_Nm[:, j], float(rated_Nm[j]), campaign),
             moved=states.move_from_previous[:, j] != 0.0,
         )
         found[j] = [all_campaigns.take(campaign == number) for number in np.unique(campaign)]
     return found
 
 
-def _scores(screws: Array, residual: Array, seen: Mask) -> tuple[Array, Array]:
-    """Return score and information of each joint in each pose, (P, n) each.
+def _varying_torque(torque_Nm: Array, rated_Nm: float, campaign: Index) -> Array:
+    """Return the torque (P,) of a joint; nan in all poses where it hardly varies or is not known.
 
-    Their ratio is the joint's residual, the information the inverse of its variance.
+    In single poses without a torque it is the mean of their campaign, or zero where that has none:
+    the same torque in all poses of a campaign turns the motor by a constant, which is of no effect.
+    """
+    known = np.isfinite(torque_Nm)
+    if not known.any() or torque_Nm[known].std() <= RIPPLE.least_loaded_share * rated_Nm:
+        return np.full_like(torque_Nm, np.nan)
+    filled_Nm = torque_Nm.copy()
+    for number in np.unique(campaign[~known]):
+        here = campaign == number
+        filled_Nm[here & ~known] = torque_Nm[here & known].mean() if known[here].any() else 0.0
+    return filled_Nm
+
+
+# The residual of each joint.
+#
+# The residual r of a pose is J e + n: contributions e of all joints, of variances V, through their
+# derivatives J, and reading noise n of variance s. Its covariance is C = J V J' + s.
+
+
+def _joint_residuals(jacobian: Array, residual: Array, seen: Mask) -> tuple[Array, Array]:
+    """Return residual [rad] and weight [1/rad²] of each joint in each pose, (P, n) each.
+
+    They are those of generalised least squares for one joint, the others being noise: its score
+    J_j' C^-1 r over its information J_j' C^-1 J_j. The joint's own variance in C cancels. Weights
+    are scaled to the scatter of the residuals.
 
     Args:
-        screws: (P, b, n) derivative of the whitened components by the joints.
+        jacobian: (P, b, n) derivative of the whitened components by the joints.
         residual: (P, b) whitened, measured less predicted.
         seen: (P, b) components that were measured.
     """
-    count = max(int(seen.sum()), 1)
-    joint_variance, reading_variance = np.full(screws.shape[2], RIPPLE.joint_rad**2), 1.0
-    across = screws.transpose(0, 2, 1)
-    unit = np.eye(residual.shape[1])
-    for _ in range(RIPPLE.variance_rounds):
-        precision = np.linalg.inv((screws * joint_variance) @ across + reading_variance * unit)
-        pulled = (precision @ residual[:, :, None])[:, :, 0]
-        score = (across @ pulled[:, :, None])[:, :, 0]
-        weight = np.einsum("pij,pik,pkj->pj", screws, precision, screws, optimize=True)
-        # Expected squares given the data: squared mean plus posterior variance.
+    precision = _precision(jacobian, *_variances(jacobian, residual, seen))
+    score, information = _score_and_information(jacobian, residual, precision)
+    # By the model, the variance of a score is its information.
+    scatter = np.sum(score**2, axis=0) / np.maximum(np.sum(information, axis=0), COMPUTING.tiny)
+    scatter[scatter == 0.0] = 1.0  # residuals of zero scatter by nothing, whatever their weight
+    information = np.maximum(information, COMPUTING.least_weight * information.max())
+    return score / information, information / scatter
+
+
+def _variances(jacobian: Array, residual: Array, seen: Mask) -> tuple[Array, float]:
+    """Return the variances (n,) of the joints' contributions [rad²] and that of whitened readings.
+
+    They are estimated from all poses by expectation maximisation: each becomes the mean of expected
+    squares, those of the posterior mean plus the posterior variance.
+
+    Args:
+        jacobian, residual, seen: as in `_joint_residuals`.
+    """
+    joint_variance, reading_variance = np.full(jacobian.shape[2], RIPPLE.joint_rad**2), 1.0
+    for _ in range(1, RIPPLE.variance_rounds):  # the last round is that of the residuals
+        precision = _precision(jacobian, joint_variance, reading_variance)
+        score, information = _score_and_information(jacobian, residual, precision)
         joint_variance = np.mean(
-            (joint_variance * score) ** 2 + joint_variance - joint_variance**2 * weight, axis=0
+            (joint_variance * score) ** 2 + joint_variance - joint_variance**2 * information,
+            axis=0,
         )
-        diagonal = np.diagonal(precision, axis1=1, axis2=2)
-        squares = (reading_variance * pulled) ** 2 + reading_variance
-        squares -= reading_variance**2 * diagonal
-        reading_variance = float(np.sum(seen * squares) / count)
-    # The variance of a score is its information; scale both to the scatter that the scores show.
-    scale = np.sum(score**2, axis=0) / np.maximum(np.sum(weight, axis=0), COMPUTING.tiny)
-    weight = np.maximum(weight, COMPUTING.least_weight * weight.max())
-    return score / scale, weight / scale
+        noise = reading_variance * (precision @ residual[:, :, None])[:, :, 0]  # posterior mean
+        taken = reading_variance**2 * np.diagonal(precision, axis1=1, axis2=2)
+        squares = noise**2 + reading_variance - taken
+        reading_variance = float(np.sum(seen * squares) / max(int(seen.sum()), 1))
+    return joint_variance, reading_variance
+
+
+def _precision(jacobian: Array, joint_variance: Array, reading_variance: float) -> Array:
+    """Return the inverse (P, b, b) of the covariance of the residuals of each pose."""
+    of_joints = (jacobian * joint_variance) @ jacobian.transpose(0, 2, 1)
+    return np.asarray(np.linalg.inv(of_joints + reading_variance * np.eye(jacobian.shape[1])))
+
+
+def _score_and_information(
+    jacobian: Array, residual: Array, precision: Array
+) -> tuple[Array, Array]:
+    """Return score and information of each joint in each pose, (P, n) each."""
+    score = np.einsum("pij,pi->pj", jacobian, (precision @ residual[:, :, None])[:, :, 0])
+    information = np.einsum("pij,pik,pkj->pj", jacobian, precision, jacobian, optimize=True)
+    return score, information
+
+
+# The agreement of campaigns and turns.
 
 
 class ArcMeans(NamedTuple):
@@ -134,31 +183,46 @@ class ArcMeans(NamedTuple):
 def agreement(series: Sequence[JointSeries]) -> Agreement | None:
     """Return how well the campaigns and turns of a joint agree on its error by its angle.
 
-    None where no arc was visited by two of them. The error of a pose is its error by the model plus
-    its residual. Each pair of campaigns or turns is compared by its means over arcs, less their
-    weighted mean: a constant is an offset of the joint's zero, not an error by the angle.
+    None where no two of them visited the same two arcs, or where the error of one side is not sure:
+    less than `RIPPLE.sure_std` standard deviations beyond noise. The error of a pose is its error
+    by the model plus its residual. Each pair of campaigns or turns is compared by its means over
+    arcs, less their weighted mean: a constant is an offset of the joint's zero, not an error by the
+    angle.
     """
     turns = [turn for part in series for turn in _arc_means_by_turn(part)]
-    products, count = np.zeros(3), 0
-    for first, second in combinations(turns, 2):
+    product, count = 0.0, 0
+    squares = np.zeros(2)  # of the errors without noise, as the first of a pair and as the second
+    weights = np.zeros((2, len(turns), RIPPLE.arcs))  # with which each mean's square is in them
+    for pair in combinations(range(len(turns)), 2):
+        first, second = (turns[k] for k in pair)
         both = np.isfinite(first.mean_rad) & np.isfinite(second.mean_rad)
         if both.sum() < 2:
             continue
-        first_variance, second_variance = first.variance[both], second.variance[both]
-        weight = 1.0 / (first_variance + second_variance)
+        weight = 1.0 / (first.variance[both] + second.variance[both])
         share = weight / weight.sum()
-        a, b = (mean[both] - share @ mean[both] for mean in (first.mean_rad, second.mean_rad))
-        products += (
-            weight @ (a * b),
-            weight @ (a**2 - first_variance * (1.0 - share)),
-            weight @ (b**2 - second_variance * (1.0 - share)),
-        )
+        centred = [turn.mean_rad[both] - share @ turn.mean_rad[both] for turn in (first, second)]
+        product += float(weight @ (centred[0] * centred[1]))
+        for side, turn in enumerate((first, second)):
+            # Of the square of noise v, less its weighted mean, the weighted sum is w v (1 - share).
+            noise = turn.variance[both] * (1.0 - share)
+            squares[side] += weight @ (centred[side] ** 2 - noise)
+            weights[side, pair[side], both] += weight
         count += int(both.sum())
-    product, first_square, second_square = products
-    if not count or min(first_square, second_square) <= 0.0:
+    if not count or np.any(squares <= RIPPLE.sure_std * _noise_std(turns, weights)):
         return None
-    correlation = float(np.clip(product / np.sqrt(first_square * second_square), -1.0, 1.0))
-    return Agreement(correlation=correlation, slope=float(product / first_square), arcs=count)
+    correlation = float(np.clip(product / np.sqrt(squares.prod()), -1.0, 1.0))
+    return Agreement(correlation=correlation, slope=product / float(squares[0]), arcs=count)
+
+
+def _noise_std(turns: Sequence[ArcMeans], weights: Array) -> Array:
+    """Return the standard deviation (2,) that noise alone gives weighted sums of squared means.
+
+    Args:
+        weights: (2, T, A) weight of each turn's mean in each arc, in each of the two sums.
+    """
+    # The variance of the square of normal noise of variance v is 2 v².
+    variance = np.nan_to_num([turn.variance for turn in turns])
+    return np.asarray(np.sqrt(2.0 * np.sum((weights * variance) ** 2, axis=(1, 2))))
 
 
 def _arc_means_by_turn(series: JointSeries) -> list[ArcMeans]:
@@ -215,6 +279,7 @@ def _named(error_map: JointErrorMap, witness: JointWitness) -> NamedMap | None:
     was_named = error_map.id != JointErrorMap.id
     if not (witness.cause or likely or is_of_joint or was_named):
         return None
+    # Where nothing says which, the sensor stands first, and the gear is its alternative.
     cause = witness.cause or likely or "sensor"
     form = (error_map.of, error_map.knots, error_map.spectrum)
     others = tuple(kind(*form) for name, kind in _NAMES.items() if name != cause)
