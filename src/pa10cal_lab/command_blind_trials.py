@@ -27,6 +27,8 @@ def blind_trials(
 ) -> None:
     """Hide effects in campaigns of the virtual cell, and judge these blindly.
 
+    Trials that are finished when the command is interrupted are kept.
+
     Args:
         kind: what the trials hide: null, single, pair, triple, outside, wrong_noise or wrong_mass;
             of wild ones right, stressed, effect, beyond, fault, unstated_masses, sorted_rows or
@@ -41,7 +43,8 @@ def blind_trials(
             either, with stressors and faults in the raw files; drives: sensors and gears that err.
         layouts: layouts of touched balls, or arms under instruments, with commas between them; all
             of them where none are given.
-        size: factor of all effects; without it, drawn for each.
+        size: factor of all effects; without it, drawn for each. Wild trials and drives draw their
+            own in any case.
         settings: sections ingest, base_frame, calibration and discovery.
 
     Examples:
@@ -55,30 +58,44 @@ def blind_trials(
     from pa10cal_lab.cell.trials import draw_trials
     from pa10cal_lab.trial_records import FailedTrialRecord
 
-    benches = filter(None, layouts.split(","))
+    benches = [name.strip() for name in layouts.split(",") if name.strip()]
     drawn = draw_trials(kind, count, random_seed, measured, benches, first=first, size=size)
     began = time.monotonic()
-    judgements, hidden = [], []
-    for done, trial in enumerate(drawn, start=1):
-        verdict, truth = try_trial(trial, settings)
-        judgements.append(verdict)
-        hidden.append(truth)
-        seconds = (time.monotonic() - began) / done
-        print(
-            f"{kind} trials: {done} of {len(drawn)}, {seconds:.1f} s a trial, "
-            f"{seconds * (len(drawn) - done):.0f} s left; {verdict.campaign}: {verdict.word}",
-            file=sys.stderr,
-            flush=True,
-        )
+    tried = []
+    interrupted: BaseException | None = None
     with whole_files(verdicts, truths) as (judged_beside, hidden_beside):
+        try:
+            for done, trial in enumerate(drawn, start=1):
+                verdict, truth = try_trial(trial, settings)
+                tried.append((verdict, truth))
+                seconds = (time.monotonic() - began) / done
+                print(
+                    f"{kind} trials: {done} of {len(drawn)}, {seconds:.1f} s a trial, "
+                    f"{seconds * (len(drawn) - done):.0f} s left; "
+                    f"{verdict.campaign}: {verdict.word}",
+                    file=sys.stderr,
+                    flush=True,
+                )
+        except (KeyboardInterrupt, Exception) as error:
+            if not tried:
+                raise
+            interrupted = error
+        judgements, hidden = zip(*tried, strict=True)
         judged_beside.write_text(lines(judgements), encoding="utf-8", newline="\n")
         hidden_beside.write_text(lines(hidden), encoding="utf-8", newline="\n")
-    failed = [record.failed for record in judgements if isinstance(record, FailedTrialRecord)]
+    if interrupted is not None:
+        raise interrupted
+    # A campaign that a command refuses, saying why, is a result.
+    failed = [
+        record.failed
+        for record in judgements
+        if isinstance(record, FailedTrialRecord) and not record.refused
+    ]
     if len(failed) == len(drawn):
         raise DiscoveryError(
             "every trial failed",
             where=f"{kind} trials",
             value=failed[0],
             allowed="at least one verdict",
-            remedy="run discover on one such campaign with --debug",
+            remedy=f"repeat one with --count 1 --first {first}",
         )

@@ -6,10 +6,11 @@ import json
 import pytest
 
 from pa10cal.commands.command_line import REFUSED, run_command
+from pa10cal.files.output import whole_files as _whole
 from pa10cal.results.discovery import VerdictRecord
 from pa10cal_lab import blind_trials
 from pa10cal_lab.cell.effects.vocabulary import vocabulary
-from pa10cal_lab.trial_records import TrialScoresRecord, TrialTruthRecord
+from pa10cal_lab.trial_records import FailedTrialRecord, TrialScoresRecord, TrialTruthRecord
 
 SEED = 20081
 #: Modules of effects that the trials below hide; with others, the same numbers hide other effects.
@@ -228,6 +229,8 @@ def test_when_all_trials_fail_the_command_does(run, monkeypatch, capsys):
         (("null", 0), "no trial to run"),
         (("nul", 1), "unknown kind of trial"),
         (("null", 1, "--layouts", "grid,small"), "no such layout"),
+        (("null", 1, "--first", "-1"), "--first: it is negative"),
+        (("null", 1, "--random-seed", "-1"), "--random-seed: it is negative"),
         (("null", 1, "--measured", "tracked", "--layouts", "grid"), "ur10-pose"),
         (("null", 1, "--settings", '{"calibraton": {}}'), "did you mean 'calibration'"),
     ],
@@ -238,6 +241,57 @@ def test_refuses_what_makes_no_sense(run, capsys, words, message):
     assert message in capsys.readouterr().err
     assert not verdicts.exists()
     assert not truths.exists()
+
+
+@pytest.fixture
+def tried(monkeypatch):
+    """Stand in for trials: every word is what the next of them does."""
+
+    def stand_in(*words):
+        left = list(words)
+
+        def try_trial(trial, _settings):
+            word = left.pop(0)
+            if word == "interrupt":
+                raise KeyboardInterrupt
+            verdict = FailedTrialRecord(campaign=trial.name, failed=word, refused=word == "refused")
+            truth = TrialTruthRecord.model_construct(campaign=trial.name)
+            return verdict, truth
+
+        monkeypatch.setattr(blind_trials, "try_trial", try_trial)
+        monkeypatch.setattr(
+            "pa10cal.results.codec.lines",
+            lambda records: "".join(f"{r.campaign}\n" for r in records),
+        )
+        return left
+
+    return stand_in
+
+
+def test_trials_that_were_finished_when_it_was_interrupted_are_kept(run, tried):
+    tried("refused", "crash", "interrupt", "crash")
+    seen = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(
+            "pa10cal.files.output.whole_files", lambda *paths: seen.append(paths) or _whole(*paths)
+        )
+        assert run("null", 4, "--layouts", "grid, wide")[0] not in (0, REFUSED)
+    ((verdicts, truths),) = seen
+    assert len(verdicts.read_text("utf-8").splitlines()) == 2
+    assert verdicts.read_text("utf-8") == truths.read_text("utf-8")
+
+
+def test_places_that_cannot_be_written_are_refused_before_the_first_trial(tried, tmp_path, capsys):
+    left = tried("crash")
+    words = ["--kind", "null", "--count", "1", "--random-seed", "1", "--verdicts", str(tmp_path)]
+    assert run_command("blind_trials", [*words, "--truths", str(tmp_path / "t")]) == REFUSED
+    assert "cannot be written" in capsys.readouterr().err
+    assert left == ["crash"]
+
+
+def test_campaigns_that_are_all_refused_are_no_failure(run, tried):
+    tried("refused", "refused")
+    assert run("null", 2)[0] == 0
 
 
 @pytest.fixture(scope="module")

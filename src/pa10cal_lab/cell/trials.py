@@ -137,11 +137,14 @@ def draw_trials(
         only: for wild trials the one subject to draw; empty for all in turn.
 
     Raises:
-        SettingsError: for a count below one; for an unknown kind, bench or subject; or for one that
-            does nothing at any of the benches.
+        SettingsError: for a count below one, a negative number or seed; for an unknown kind, bench
+            or subject; or for one that does nothing at any of the benches.
     """
     if count < 1:
         _refuse("no trial to run", "--count", count, ["1 or more"], "request more trials")
+    for option, number in (("--first", first), ("--random-seed", random_seed)):
+        if number < 0:
+            _refuse("it is negative", option, number, ["0 or more"], "give another number")
     wild, kinds = study == "wild", _KINDS_OF.get(study, KINDS)
     if kind not in kinds:
         _refuse(_UNKNOWN if wild else "unknown kind of trial", "kind", kind, kinds)
