@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pa10cal.calibration.general.unknowns import _random_states, choose_unknowns
+from pa10cal.calibration.general import unknowns
 from pa10cal.files.arms import load_arm
 from pa10cal.observe.quantities import Start
 from pa10cal.options import Tolerances
@@ -23,7 +23,7 @@ def chosen(arm, see, kind="pose"):
     observations = see(UR10, kind)
     targets_m = np.zeros(len(observations.measured.target_parameters))
     start = Start(np.eye(4), np.zeros(3), np.eye(3), targets_m)
-    return choose_unknowns(arm, Tolerances(), observations.measured, start)
+    return unknowns.choose_unknowns(arm, Tolerances(), observations.measured, start)
 
 
 @pytest.mark.parametrize("limits_deg", [(180.0, 360.0), (190.0, 359.0), (-350.0, -200.0)])
@@ -39,7 +39,7 @@ def test_a_joint_beyond_half_a_turn_moves_as_one_a_turn_from_it(see, limits_deg)
 
 def test_limits_of_a_turn_about_zero_are_that_turn_and_others_the_one_about_their_middle():
     def range_of(arm):
-        q_deg = np.degrees(_random_states(arm, 500).q_rad[:, 2])
+        q_deg = np.degrees(unknowns._random_states(arm, 500).q_rad[:, 2])
         return q_deg.min(), q_deg.max()
 
     assert range_of(with_elbow(-350.0, 200.0)) == pytest.approx((-180.0, 180.0), abs=3.0)
