@@ -312,11 +312,10 @@ def compensate(
 
     def compensated(T: Array, **options: Any) -> Compensation:
         under = {**conditions._asdict(), **options}
-        return fitted.compensate(T, frame=frame, extrapolate=force, **under)
+        return fitted.compensate(T, frame=frame, seed=listed.q, extrapolate=force, **under)
 
     found = compensated(
         listed.T,
-        seed=listed.q,
         T_flange_tcp=controller_pose(tcp, convention) if tcp else None,
         controller=controller_arm,
     )

@@ -30,15 +30,16 @@ def of_joints(model: Fitted, q: Array) -> Iterator[str]:
     if as_radians is None or model.seen is None:
         return
     to_joints = model.arm.coupling.to_joints
-    beyond = model.inside(to_joints(q)).mean() <= LISTS.few_share
-    # Radians read as degrees are a few degrees about zero, which a fit may cover.
-    hardly_moves = len(q) >= LISTS.rows and np.median(np.ptp(as_radians, axis=0)) > LISTS.wide_rad
-    if (beyond or hardly_moves) and model.inside(to_joints(as_radians)).mean() > LISTS.most_share:
-        as_degrees = "beyond the angles of the fit" if beyond else "hardly a motion"
+    is_beyond = model.inside(to_joints(q)).mean() <= LISTS.few_share
+    # Radians read as degrees are a few degrees about zero, which a fit may cover: there the same
+    # numbers as radians have to be a wide motion.
+    moves_wide = len(q) >= LISTS.rows and np.median(np.ptp(as_radians, axis=0)) > LISTS.wide_rad
+    if (is_beyond or moves_wide) and model.inside(to_joints(as_radians)).mean() > LISTS.most_share:
+        as_degrees = "beyond the angles of the fit" if is_beyond else "hardly a motion"
         yield (
-            f"{_columns(model)}: the joint positions look like radians under columns in degrees: "
-            f"all are within ±6.3, {as_degrees} as degrees and inside those of the fit as "
-            "radians; multiply them by 57.29578 if so"
+            f"{_turning_columns(model)}: the joint positions look like radians under columns "
+            f"in degrees: all are within ±6.3, {as_degrees} as degrees and inside those of the "
+            "fit as radians; multiply them by 57.29578 if so"
         )
 
 
@@ -62,9 +63,9 @@ def of_targets(model: Fitted, T: Array, seed: Array, frame: str) -> Iterator[str
         other_m = np.median(distances(as_radians, T)[0])
         if other_m < LISTS.nearer_share * np.median(off_m):
             yield (
-                f"{_columns(model)}: the seeds look like radians under columns in degrees: they "
-                f"are {1e3 * np.median(off_m):.0f} mm from their targets as degrees and "
-                f"{1e3 * other_m:.0f} mm as radians; multiply them by 57.29578 if so"
+                f"{_turning_columns(model)}: the seeds look like radians under columns in "
+                f"degrees: they are {1e3 * np.median(off_m):.0f} mm from their targets as degrees "
+                f"and {1e3 * other_m:.0f} mm as radians; multiply them by 57.29578 if so"
             )
             return
     far = off_m > LISTS.far_share * reach_m
@@ -92,7 +93,9 @@ def of_answers(
     """Yield warnings about targets (N, 4, 4) of which few are reached by their compensation.
 
     Args:
-        compensated: compensates targets (N, 4, 4) read otherwise, under the same conditions.
+        found: the compensation of the targets as read.
+        compensated: compensates targets (N, 4, 4) read otherwise, under the same conditions and
+            from the same seeds.
     """
     reached = _reached(found)
     if reached.mean() >= LISTS.most_share:
@@ -110,6 +113,14 @@ def _columns(model: Fitted) -> str:
     slides = model.arm.axes_slide
     first, last = ("mm" if slides[k] else "deg" for k in (0, -1))
     return f"q1_{first} … q{len(slides)}_{last}"
+
+
+def _turning_columns(model: Fitted) -> str:
+    """Return the names of the columns of joints that turn."""
+    slides = model.arm.axes_slide
+    if not slides.any():
+        return _columns(model)
+    return ", ".join(f"q{k + 1}_deg" for k in np.flatnonzero(~slides))
 
 
 def _reached(found: Compensation) -> NDArray[np.bool_]:
