@@ -215,6 +215,9 @@ class Parameters:
     # null directions come out near 1e-16, the weakest real ones above 1e-6 (computing)
     null_ratio: float = 1e-9
     no_part: float = 1e-6  # part of a parameter in a direction that is none (computing)
+    # the same in a direction that poses show worse than what is thought possible of it, beside the
+    # part of another parameter that stands for it, each in its scale (chosen)
+    hardly_part: float = 0.01
     # a radian of orientation counts as so much of position in the fit of a rigid model [m] (size)
     rigid_lever_m: float = 0.1
     # directions of the link parameters that move measured poses by a smaller part than this of what

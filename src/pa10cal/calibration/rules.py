@@ -266,6 +266,9 @@ class Fit:
     cubic_share: float = 0.01  # cubic share that they start with (computing)
     # times that the null space is found again at the solution (computing)
     null_space_passes: int = 3
+    # a direction that poses hardly show counts with its size by this part beside those without any
+    # effect on them (computing)
+    hardly_share: float = 0.5
     same_span: float = 1e-9  # unless its rows are the same within this part (computing)
     # relative changes at which the Gauss-Newton steps that follow converge to the last
     # digit (computing)

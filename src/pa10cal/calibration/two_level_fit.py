@@ -15,11 +15,20 @@ from pa10cal.arrays import Array, Mask
 from pa10cal.calibration.general.problem import check_enough
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.calibration.rules import FIT
-from pa10cal.calibration.two_level_problem import TwoLevel, rows_of, spread_poses
+from pa10cal.calibration.two_level_problem import TwoLevel, TwoLevelRows, rows_of, spread_poses
 from pa10cal.calibration.uncertainty import propagate, with_own_scatter
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.fit.problem import Identifiability, Problem, Rows, Solution, identify, not_identifiable
+from pa10cal.fit.problem import (
+    Identifiability,
+    Problem,
+    Rows,
+    Solution,
+    identify,
+    identify_beyond,
+    not_identifiable,
+    possible_sizes,
+)
 from pa10cal.fit.validity import angles_seen
 from pa10cal.numerics.least_squares import Bounds
 from pa10cal.observe.observations import Observations
@@ -119,7 +128,9 @@ def calibrate(
     one_level = level.one_level(at_solution.T_instr_base)
     jacobian = one_level.rows(np.concatenate([best.x, np.zeros(6)])).jacobian
     weighted = (level.weights[:, None] * jacobian).reshape(-1, len(one_level.scale))
-    identifiability = identify(weighted, one_level.scale)
+    identifiability = identify_beyond(
+        weighted, one_level.scale, possible_sizes(one_level.model), level.noise
+    )
     noise = observations
     if readings is not None:
         noise = with_own_scatter(observations, readings, model, best.x)
@@ -136,7 +147,8 @@ def calibrate(
         & {parameter.name for parameter in model.parameters},
         covariance=propagate(
             at_solution, noise, level.inner_rows, terms, level.r_max_m, u_apparatus_m
-        ),
+        )
+        + _of_hardly_shown(level, at_solution),
     )
 
 
@@ -206,7 +218,8 @@ def tolerance_rows(level: TwoLevel, x: Array, options: CalibrationOptions) -> Ar
     """Return the tolerance rows W (r, k) of paper equation (2), at parameters x; W x are residuals.
 
     As printed in the paper they act on every departure, and so pull identified parameters towards
-    nominal. On the null space they only fix the directions that the data do not identify.
+    nominal. On the null space they only fix the directions that the data do not identify, or tell
+    no better than is thought possible: they stay at nominal, and springs at none.
     """
     on_residual = options.epsilon_acts_on == "residual"
     weight = options.epsilon if on_residual else float(np.sqrt(options.epsilon))
@@ -215,9 +228,34 @@ def tolerance_rows(level: TwoLevel, x: Array, options: CalibrationOptions) -> Ar
         tolerances = [parameter.tolerance for parameter in level.model.parameters]
         rows = np.array([0.0 if size is None else weight / size for size in tolerances])
         return np.diag(rows)[rows > 0]
-    jacobian = level.rows(x).jacobian.reshape(-1, len(x))
-    null: Array = weight * identify(jacobian, scale).null_space.T / scale
+    null: Array = weight * _identified(level, level.rows(x)).null_space.T / scale
     return null
+
+
+def _of_hardly_shown(level: TwoLevel, at_solution: TwoLevelRows) -> Array:
+    """Return the covariance (k + 6, k + 6) by directions that the poses tell less than is possible.
+
+    The fit holds them, so the noise says nothing of them: they may be as large as is thought
+    possible. Directions without any effect on poses are left out, whatever their size.
+    """
+    scale, possible = level.model.scale, possible_sizes(level.model)
+    hardly = _identified(level, at_solution).null_space
+    none = identify(at_solution.jacobian.reshape(-1, len(scale)), scale).null_space
+    basis, sizes, _ = np.linalg.svd(hardly - none @ (none.T @ hardly), full_matrices=False)
+    basis = basis[:, sizes > FIT.hardly_share]
+    of_basis = np.linalg.inv(basis.T @ (basis * (scale / possible)[:, None] ** 2))
+    moved = basis * scale[:, None]
+    base = at_solution.base_jacobian @ moved
+    base[:3] = at_solution.T_instr_base[:3, :3].T @ base[:3]
+    both = np.concatenate([moved, base])
+    return np.asarray(both @ of_basis @ both.T)
+
+
+def _identified(level: TwoLevel, rows: TwoLevelRows) -> Identifiability:
+    """Return what the poses tell of the outer parameters, better than is thought possible."""
+    model = level.model
+    jacobian = rows.jacobian.reshape(-1, len(model.scale))
+    return identify_beyond(jacobian, model.scale, possible_sizes(model), level.noise)
 
 
 def check_torques(model: Model, observations: Observations) -> None:

@@ -197,6 +197,12 @@ class TwoLevel:
         """Return the factors of the components [m, rad] in the rows, (6,)."""
         return np.concatenate([np.full(3, 1.0 / self.r_max_m), np.ones(3)])
 
+    @property
+    def noise(self) -> float:
+        """Return the standard deviation of a row (root mean square) by the poses' covariances."""
+        variances = np.diagonal(self.observations.measured.cov, axis1=1, axis2=2)
+        return float(np.sqrt(np.mean(variances * self.weights**2)))
+
     def one_level(self, T_instr_base: Array) -> Problem:
         """Return the problem with six small motions of the base as the last unknowns.
 

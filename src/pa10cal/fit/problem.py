@@ -193,6 +193,37 @@ def identify(jacobian: Array, scale: Array) -> Identifiability:
     return Identifiability(full, rank, right[rank:].T, float(full[0] / full[rank - 1]))
 
 
+def identify_beyond(
+    jacobian: Array, scale: Array, possible: Array, noise: float
+) -> Identifiability:
+    """Return what a Jacobian (rows, k) identifies, directions that it hardly shows left out.
+
+    A direction counts as identified if the rows tell it better than what is thought possible of it
+    beforehand: stiffness and the shape of a spring in a joint that hardly yields, or a length
+    that only the yielding shows, are no results though their rank is full.
+
+    Args:
+        possible: (k,) sizes thought possible of the parameters.
+        noise: standard deviation of a row.
+    """
+    exact = identify(jacobian, scale)
+    _, values, right = np.linalg.svd(triangle_of(jacobian * possible))
+    values = np.append(values, np.zeros(len(scale) - len(values)))
+    hardly_shown = right[values < noise].T * (possible / scale)[:, None]
+    if hardly_shown.shape[1] <= exact.null_space.shape[1]:
+        return exact
+    # In the basis that is the identity on the pivot rows, directions have few parameters.
+    _, _, order = qr(hardly_shown.T, pivoting=True, mode="economic")
+    sparse = hardly_shown @ np.linalg.inv(hardly_shown[order[: hardly_shown.shape[1]]])
+    sparse[np.abs(sparse) < PARAMETERS.hardly_part] = 0.0
+    null_space, _ = np.linalg.qr(sparse)
+    rank = len(scale) - null_space.shape[1]
+    beside = jacobian * scale
+    beside = beside - (beside @ null_space) @ null_space.T
+    kept = np.linalg.svd(triangle_of(beside), compute_uv=False)[:rank]
+    return replace(exact, rank=rank, null_space=null_space, condition=float(kept[0] / kept[-1]))
+
+
 def unidentified_directions(
     identifiability: Identifiability, parameters: tuple[TermParameter, ...]
 ) -> tuple[dict[str, float], ...]:
