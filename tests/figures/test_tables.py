@@ -14,7 +14,7 @@ from pa10cal.figures import published
 from pa10cal.figures.campaign import paper_against_ours
 from pa10cal.figures.table import ResultTable, figures, frame_of, write_table
 from pa10cal.reports.blocks import grid
-from pa10cal.reports.formatting import with_half_width
+from pa10cal.reports.formatting import parameter_with_interval, with_half_width
 
 
 @pytest.fixture(scope="module")
@@ -326,3 +326,10 @@ def test_nothing_is_left_when_one_format_fails(tmp_path, monkeypatch):
 )
 def test_a_value_has_the_digits_of_its_interval(value, half, written):
     assert with_half_width(value, half) == written
+
+
+def test_a_stiffness_has_the_interval_of_its_compliance():
+    assert parameter_with_interval("K_lin_2", 7.0, 22.0 / 1.96) == "above 1.7"
+    assert parameter_with_interval("K_lin_2", 20.0, 5.0 / 1.96) == "20, 16 to 27"
+    assert parameter_with_interval("K", 20.0, 1.0 / 1.96) == "20.0 ± 1.0"
+    assert parameter_with_interval("delta_a_2", 7.0, 22.0 / 1.96) == "7 ± 22"

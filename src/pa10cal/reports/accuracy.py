@@ -171,9 +171,11 @@ def _shifts_grid(case: CalibrationRecord, with_effects: Mapping[str, Parameter])
         if not (after.identifiable and after.std and before != after.value):
             continue
         unit, scale = formatting.shown_in(after.unit, after.value)
+        if name.startswith("K_") and after.std > abs(after.value):
+            continue  # the joint may as well be rigid
         change = (after.value - before) / (after.tolerance or abs(before) or 1.0)
         by = f"{change:+.2f} tolerances" if after.tolerance else f"{100 * change:+.1f} %"
-        value = formatting.with_interval(scale * after.value, scale * after.std)
+        value = formatting.parameter_with_interval(name, scale * after.value, scale * after.std)
         row = (formatting.display_name(name), f"{scale * before:.4g}", value, unit, by)
         shifts.append((abs(after.value - before) / after.std, row))
     shifts.sort(key=lambda shift: -shift[0])
@@ -191,7 +193,7 @@ def _parameter_row(name: str, parameter: Parameter) -> tuple[str, ...]:
         tolerance = f"{scale * parameter.tolerance:g}"
     if parameter.std is not None:
         std = scale * parameter.std
-    value, remark = formatting.with_interval(scale * parameter.value, std), ""
+    value, remark = formatting.parameter_with_interval(name, scale * parameter.value, std), ""
     if not parameter.identifiable:
         value, remark = formatting.NOT_KNOWN, "not identifiable from these poses"
     elif getattr(parameter, "at_bound", False):

@@ -65,13 +65,32 @@ def with_interval(value: float, std: float | None) -> str:
     return with_half_width(value, HALF_WIDTH_95 * std)
 
 
-def sized(parameter: EffectParameter) -> str:
+#: A stiffness that is less certain than this part of it has an interval of unequal halves.
+_UNEQUAL = 0.1
+
+
+def parameter_with_interval(name: str, value: float, std: float | None) -> str:
+    """Return the value of a parameter with its 95 % interval, of a stiffness by its compliance.
+
+    What is fitted is how far a joint yields, whose interval is symmetric: that of the stiffness is
+    not, and has no upper end where the joint may as well be rigid.
+    """
+    half = HALF_WIDTH_95 * (std or 0.0) / abs(value) if value else 0.0
+    stiffness = name == "K" or name.startswith("K_lin")
+    if not stiffness or not _UNEQUAL <= half < math.inf:
+        return with_interval(value, std)
+    least = f"{value / (1.0 + half):.2g}"
+    return f"above {least}" if half >= 1.0 else f"{value:.3g}, {least} to {value / (1 - half):.2g}"
+
+
+def sized(name: str, parameter: EffectParameter) -> str:
     """Return a parameter of an effect with its 95 % interval and unit."""
     unit, scale = shown_in(parameter.unit, parameter.value)
-    text = with_interval(scale * parameter.value, scale * parameter.std)
+    value, std = scale * parameter.value, scale * parameter.std
+    text = parameter_with_interval(name, value, std)
     if unit == "1":
         return unbroken(text)
-    return unbroken(f"{text} {unit}" if text.startswith("(") else f"({text}) {unit}")
+    return unbroken(f"{text} {unit}" if text.startswith(("(", "above")) else f"({text}) {unit}")
 
 
 def floor_is(gap: Gap) -> str:

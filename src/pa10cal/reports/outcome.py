@@ -257,4 +257,4 @@ def _size(effect: NamedEffect | ProposedFormula) -> str:
         unit, scale = shown_in(next(iter(effect.parameters.values())).unit)
         rms = scale * (sum(value**2 for value in values) / len(values)) ** 0.5
         return unbroken(f"{len(values)} values, rms {rms:.3g} {unit}")
-    return "; ".join(f"{name} = {sized(value)}" for name, value in effect.parameters.items())
+    return "; ".join(f"{name} = {sized(name, value)}" for name, value in effect.parameters.items())
