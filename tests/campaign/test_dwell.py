@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drawn_examples import examples
-from pa10cal.campaign.dwells import Samples, best_clock_offset, find_dwells
+from pa10cal.campaign.dwells import Samples, best_clock_offset, find_dwells, while_loaded
 
 STILL = 0.02
 
@@ -73,6 +73,33 @@ def test_readings_are_means_with_the_standard_uncertainty_of_the_mean():
         u = tau_Nm[rows].std(axis=0, ddof=1) / np.sqrt(count)
         np.testing.assert_allclose(readings.tau_u_Nm[d], u, rtol=1e-9)
         np.testing.assert_allclose(readings.temperature_C[d], temperature_C[rows].mean())
+
+
+def test_a_load_changed_while_the_arm_stands_has_torques_of_its_own():
+    """Loads of 0, 22 and 44 N at each place, 4 s each, with 2 s between them."""
+    q_deg = np.repeat([[0.0, 0.0], [1.0, -2.0], [2.0, -4.0]], 20, axis=0)
+    time_s = np.arange(len(q_deg), dtype=float)
+    time_s[20:] += 5.0
+    time_s[40:] += 5.0
+    within = np.tile(np.arange(20), 3)
+    load_N = np.array([0.0, 22.0, 44.0])[np.minimum(within // 6, 2)]
+    tau_Nm = -50.0 - np.column_stack([load_N, 0.5 * load_N])
+    tau_Nm[within % 6 >= 4] = 1e3  # while the weight is hung on
+    samples = log(time_s, q_deg, tau_Nm)
+    dwells = find_dwells(samples, STILL)
+    assert len(dwells) == 3
+    begin_s = (dwells.start_s[:2, None] + [0.0, 6.0, 12.0]).ravel()
+    of = np.array([0, 0, 0, 1, 1, 1, 2])  # the last place at one load, twice as long
+    begin_s, end_s = np.append(begin_s, dwells.start_s[2]), np.append(begin_s, 1e9) + 3.0
+    load_N = np.append(np.tile([0.0, 22.0, 44.0], 2), 0.0)
+    stood = while_loaded(samples, dwells, of, load_N, begin_s, end_s)
+    np.testing.assert_allclose(stood.tau_Nm[:6, 0], -50.0 - load_N[:6])
+    np.testing.assert_array_equal(stood.samples, [4, 4, 4, 4, 4, 4, 20])
+    np.testing.assert_allclose(stood.q_deg[:, 0], [0, 0, 0, 1, 1, 1, 2])
+    np.testing.assert_array_equal(stood.arrival, dwells.arrival[of])
+    np.testing.assert_array_equal(stood.tau_Nm[6], dwells.tau_Nm[2])
+    briefly = while_loaded(samples, dwells, of, load_N, begin_s, begin_s)
+    np.testing.assert_array_equal(briefly.samples, [2, 3, 3, 2, 3, 3, 20])  # the nearest ones
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,6 +65,11 @@ class Stations:
     def __len__(self) -> int:
         return len(self.first)
 
+    def take(self, stations: Index) -> Stations:
+        """Return some stations, or one several times; `of_sample` stays that of all."""
+        own = (field.name for field in fields(self) if field.name != "of_sample")
+        return replace(self, **{name: getattr(self, name)[stations] for name in own})
+
     def at(self, time_s: Array) -> Index:
         """Return the station (N,) at each time, -1 where the arm moved or nothing was logged."""
         if not len(self):
@@ -119,6 +124,49 @@ def find_dwells(
         temperature_C[:, 0],
         _arrival(q_deg, np.flatnonzero(of_sample < 0), first, mean_deg, real_deg),
     )
+
+
+def while_loaded(
+    samples: Samples,
+    stations: Stations,
+    station: Index,
+    load_N: Array,
+    begin_s: Array,
+    end_s: Array,
+) -> Stations:
+    """Return the station of each of U configurations; if its load was changed there, a part of it.
+
+    That part is the time in which the configuration was measured, or the two samples nearest to it:
+    a weight that is hung on while the arm stands changes torques, and joints a little.
+
+    Args:
+        station: (U,) station of each configuration.
+        load_N: (U,) its load.
+        begin_s: (U,) time of its first reading.
+        end_s: (U,) time of its last reading.
+    """
+    found = stations.take(station)
+    loads = np.unique(np.column_stack([station, load_N]), axis=0)[:, 0]
+    changed = np.flatnonzero(np.isin(station, loads[:-1][np.diff(loads) == 0.0]))
+    parts = []
+    for use in changed:
+        own = np.flatnonzero(stations.of_sample == station[use])
+        outside_s = np.maximum(begin_s[use] - samples.time_s[own], samples.time_s[own] - end_s[use])
+        outside_s = np.maximum(outside_s, 0.0)
+        furthest_s = np.sort(outside_s)[min(1, len(own) - 1)]
+        parts.append(own[outside_s <= furthest_s])
+    if not parts:
+        return found
+    count = np.array([len(part) for part in parts])
+    part, rows = np.repeat(np.arange(len(parts)), count), np.concatenate(parts)
+    for values, mean, u in (
+        (samples.q_deg, found.q_deg, found.q_u_deg),
+        (samples.tau_Nm, found.tau_Nm, found.tau_u_Nm),
+    ):
+        mean[changed], u[changed] = _mean(values[rows], part, count)
+    found.temperature_C[changed] = _mean(samples.temperature_C[rows, None], part, count)[0][:, 0]
+    found.samples[changed] = count
+    return found
 
 
 def best_clock_offset(time_s: Array, stations: Stations) -> tuple[float, float]:

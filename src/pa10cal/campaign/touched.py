@@ -20,7 +20,13 @@ from pa10cal.campaign.bounds import labelled, unwrapped, whole, within_bounds
 from pa10cal.campaign.column_map import ColumnMap
 from pa10cal.campaign.conventions import coupling_that_fits
 from pa10cal.campaign.description import CampaignDescription, exclusions_of
-from pa10cal.campaign.dwells import Samples, Stations, best_clock_offset, find_dwells
+from pa10cal.campaign.dwells import (
+    Samples,
+    Stations,
+    best_clock_offset,
+    find_dwells,
+    while_loaded,
+)
 from pa10cal.campaign.joint_positions import as_joints, as_logged
 from pa10cal.campaign.nominal_fit import misfit_mm, nominal_places
 from pa10cal.campaign.raw_file import RawFile, words_of
@@ -98,7 +104,7 @@ def read_touched(
     poses = _observations(
         campaign,
         used,
-        q_rad[usable],
+        samples,
         dwells,
         located.take(usable),
         touches["time_s"][groups.row[usable]],
@@ -156,27 +162,29 @@ def _remarks_on_idle_dwells(touched: Mask, file: str) -> tuple[tuple[str, ...], 
 def _observations(
     campaign: CampaignDescription,
     configurations: RawRows,
-    q_rad: Array,
+    samples: Samples,
     dwells: Stations,
     located: balls.LocatedBalls,
     touch_s: Array,
 ) -> Observations:
     """Return U configurations as readings.
 
-    `configurations` is the first touch of each, at joint positions `q_rad` (U, n); its balls are
-    `located` (U, B), touched at `touch_s` (U, B, T).
+    `configurations` is the first touch of each; its balls are `located` (U, B), touched at
+    `touch_s` (U, B, T).
     """
-    used, dwell = located.used, configurations["dwell"]
+    used = located.used
     begin_s = np.where(used, touch_s, np.inf).min(axis=(1, 2), initial=np.inf)
     end_s = np.where(used, touch_s, -np.inf).max(axis=(1, 2), initial=-np.inf)
+    load_N = configurations["load_N"]
+    stood = while_loaded(samples, dwells, configurations["dwell"], load_N, begin_s, end_s)
     return Observations(
         pose=configurations.text_of("pose"),
         states=PoseStates(
-            q_rad=q_rad,
-            tau_Nm=dwells.tau_Nm[dwell],
-            arrival=dwells.arrival[dwell],
-            load_N=configurations["load_N"],
-            temperature_C=dwells.temperature_C[dwell],
+            q_rad=np.radians(stood.q_deg),
+            tau_Nm=stood.tau_Nm,
+            arrival=stood.arrival,
+            load_N=load_N,
+            temperature_C=stood.temperature_C,
             time_s=0.5 * (begin_s + end_s),
         ),
         measured=Touched.of_balls(
@@ -189,9 +197,7 @@ def _observations(
         kind=configurations.text_of("kind"),
         repeat=configurations["repeat"],
         readings=np.ones(len(configurations), dtype=np.int64),
-        log=JointLog(
-            np.radians(dwells.q_u_deg[dwell]), dwells.tau_u_Nm[dwell], dwells.samples[dwell]
-        ),
+        log=JointLog(np.radians(stood.q_u_deg), stood.tau_u_Nm, stood.samples),
     )
 
 

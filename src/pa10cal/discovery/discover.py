@@ -21,8 +21,9 @@ from pa10cal.discovery.field import field_of, with_field
 from pa10cal.discovery.finding import is_named, label_of
 from pa10cal.discovery.gap import PairedErrors, errors_of, gap
 from pa10cal.discovery.gates import gated, with_other_readings
+from pa10cal.discovery.joint_steps import JointSteps
 from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit
-from pa10cal.discovery.log_faults import fault_of_quarantined, influential_pose
+from pa10cal.discovery.log_faults import DiagnosedFault, fault_of_quarantined, influential_pose
 from pa10cal.discovery.loose_targets import knocked_targets, loose_targets
 from pa10cal.discovery.model_with_effects import ModelWithEffects, with_base_motion
 from pa10cal.discovery.nameless import nameless_effects
@@ -43,7 +44,7 @@ from pa10cal.discovery.verdict import (
     is_sought,
     with_likely_alternatives,
 )
-from pa10cal.errors import DiscoveryError
+from pa10cal.errors import CalibrationError, DiscoveryError
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.uncertain_weights import open_unknowns
 from pa10cal.observe.observations import Observations, average_repeats, reading_groups
@@ -80,12 +81,41 @@ def discover(
     Raises:
         CalibrationError: when a joint with a spring has no torque.
     """
-    campaign = prepared(every, model, setup, tuple(map(fault_of_quarantined, wrong)))
+    faults = tuple(map(fault_of_quarantined, wrong))
+    campaign = prepared(every, model, setup, faults)
+    campaign = _without_joint_steps(campaign, every, model, faults)
     found = _without_influential_poses(_judged(campaign, model), model)
     if is_sought(found):
         found = with_lines_named(with_proposals(_likelier(found, gated(found))))
     found = with_likely_alternatives(with_predicted(with_compliance(found)))
     return with_friction_of_log(with_other_readings(found))
+
+
+def _without_joint_steps(
+    campaign: Prepared,
+    every: Observations,
+    model: FittedModel,
+    faults: Sequence[DiagnosedFault],
+) -> Prepared:
+    """Return a campaign of repeats with the log corrected by steps in the zeros of its joints.
+
+    Repeats before and after a step differ: as their noise it would hide what the model lacks, and
+    right readings would count as gross errors.
+    """
+    if judged_by_blocks(campaign.trusted) or repeated(campaign.readings) < NOISE.least_differences:
+        return campaign
+    from pa10cal.discovery.evidence.by_repeats import joint_steps_between_repeats
+
+    def corrected(steps: JointSteps, found: Sequence[DiagnosedFault] = ()) -> Prepared:
+        return prepared(steps.corrected(every), model, campaign.setup, (*faults, *found))
+
+    try:
+        steps = joint_steps_between_repeats(campaign, corrected)
+    except (CalibrationError, DiscoveryError):  # too few poses, or torques that a spring lacks
+        return campaign
+    if steps is None:
+        return campaign
+    return corrected(steps, steps.faults(campaign.baseline, campaign.readings))
 
 
 def _without_influential_poses(found: Verdict, model: FittedModel) -> Verdict:

@@ -7,7 +7,7 @@ by one by log evidence, and held against steps of the base and against other cha
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -63,6 +63,15 @@ class JointSteps(Nuisance):
     def columns(self, at: FittedModel, poses: Observations) -> Array:
         return self.scale * _columns([(each.joint, each.time_s) for each in self.steps], at, poses)
 
+    def corrected(self, observations: Observations) -> Observations:
+        """Return readings with the joint positions that the log would have without the steps."""
+        states = observations.states
+        q_rad = states.q_rad.copy()
+        for step, amount in zip(self.steps, self.amounts.tolist(), strict=True):
+            later = states.time_s > step.time_s
+            q_rad[later, step.joint - 1] += CHANGE.size * self.scale * amount
+        return observations.with_states(replace(states, q_rad=q_rad))
+
     def faults(self, at: FittedModel, poses: Observations) -> tuple[DiagnosedFault, ...]:
         """Return a fault of the log for each step."""
         slides = at.arm.prismatic
@@ -86,6 +95,26 @@ def _fault(step: JointStep, amount: float, unit: str, poses: Observations) -> Di
     )
 
 
+def likely_joint_steps(at: FittedModel, poses: Observations, whitener: Array) -> JointSteps | None:
+    """Return steps in zeros of joints that gain evidence, before they are held against others.
+
+    A model that was fitted to readings on both sides has taken up a part of each.
+
+    Args:
+        poses: P readings in order of time.
+        whitener: (P, b, b) of the noise of readings.
+    """
+    if not poses.states.tells_time or poses.measured.campaigns or like_a_scan(poses):
+        return None
+    chosen = _chosen(at, poses, whitener)
+    if not chosen:
+        return None
+    rows, every = StepRows(at, poses, whitener), _columns(chosen, at, poses)
+    scale = rows.best(every, _FROM_FIRST).scale
+    steps = tuple(JointStep(joint, time_s, time_s, time_s, ()) for joint, time_s in chosen)
+    return JointSteps(steps=steps, scale=scale, amounts=rows.amounts(every, scale, 0))
+
+
 def joint_steps_of(
     at: FittedModel,
     poses: Observations,
@@ -95,7 +124,7 @@ def joint_steps_of(
     *,
     logged: bool,
 ) -> JointSteps | None:
-    """Return the steps in zeros of joints of poses that are read once; None for none.
+    """Return the steps in zeros of joints; None for none.
 
     None is found where no time was recorded, where poses are in the order of a scan, or where a
     joint or the load passes from one side to the other at the row of a step.

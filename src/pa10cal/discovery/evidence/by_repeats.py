@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, NamedTuple
 
@@ -32,6 +32,7 @@ from pa10cal.discovery.gap import PairedErrors, errors_of, gap
 from pa10cal.discovery.gross_errors import moved_between_repeats
 from pa10cal.discovery.in_time import in_time_of
 from pa10cal.discovery.jacobians import WhitenedPoses, ideal_by_joints
+from pa10cal.discovery.joint_steps import JointSteps, joint_steps_of, likely_joint_steps
 from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit, pure_error_test
 from pa10cal.discovery.next_poses import separating_poses, unresolved_pairs
 from pa10cal.discovery.noise import same_circumstances, whitener_of
@@ -49,6 +50,7 @@ from pa10cal.fit.problem import possible_sizes
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.instrument import group_means
 from pa10cal.observe.observations import Observations, average_repeats, reading_groups
+from pa10cal.observe.time_order import spread_over_time
 from pa10cal.results.analysis import LackOfFit, PureErrorTest
 from pa10cal.results.discovery import SearchByRepeats, SharedError
 from pa10cal.terms.effects.effect import Effect
@@ -203,6 +205,36 @@ class ByRepeats(Scorer):
             readings_excluded=int(found.prepared.gross.sum()),
         )
         return {"search": search}
+
+
+def joint_steps_between_repeats(
+    campaign: preparation.Prepared,
+    again: Callable[[JointSteps], preparation.Prepared],
+) -> JointSteps | None:
+    """Return steps in the zeros of joints, which else count as the noise of repeats; None for none.
+
+    They are judged about a model that was fitted to readings corrected by the likely steps.
+
+    Args:
+        again: prepares the campaign again with readings corrected by steps.
+    """
+    logged = campaign.torques == "logged"
+
+    def completed(readings: Observations, at: FittedModel) -> Observations:
+        in_order = readings.take(spread_over_time(readings, len(readings)))
+        return preparation.complete(in_order, campaign.baseline, campaign.setup, at)
+
+    readings = completed(campaign.readings, campaign.baseline)
+    stated = whitener_of(readings.measured.stated_covariance)
+    likely = likely_joint_steps(campaign.baseline, readings, stated)
+    if likely is None:
+        return None
+    corrected = again(likely)
+    problem = prepare(corrected.trusted, campaign.baseline, campaign.setup, torques_logged=logged)
+    at = fit(problem, (), (), NO_SHARED_ERROR).fitted()
+    readings = completed(campaign.readings.take(~corrected.gross), at)
+    noise = whitener_of(readings.measured.stated_covariance)
+    return joint_steps_of(at, readings, noise, noise, _sought(problem), logged=logged)
 
 
 def discover_by_repeats(campaign: preparation.Prepared) -> Verdict[ByRepeats]:
