@@ -145,7 +145,10 @@ def joint_steps_of(
     if not chosen:
         return None
     slides = at.arm.prismatic
-    if any(any(step_thresholds(poses.states, time_s, slides)) for _, time_s in chosen):
+    if any(
+        any(step_thresholds(poses.states, time_s, slides)) and not _repeated_across(poses, time_s)
+        for _, time_s in chosen
+    ):
         return None
     every = _columns(chosen, at, poses)
     unchanged = StepRows(at, poses, whitener)
@@ -182,13 +185,16 @@ class _Steps:
     def leave_little(self) -> bool:
         """Return whether they leave little of the squared error, alone and beside `smooth`.
 
-        Of that of positions: orientations may be all noise.
+        Of all components, or of positions: orientations may be all noise.
         """
-        seen = np.isin(np.arange(self.whitener.shape[2]), self.poses.measured.position_columns)
+        positions = np.isin(np.arange(self.whitener.shape[2]), self.poses.measured.position_columns)
         return all(
-            StepRows(self.at, self.poses, self.whitener * seen, *beside)
-            .best(self.columns, _FROM_FIRST)
-            .remaining
+            min(
+                StepRows(self.at, self.poses, whitener, *beside)
+                .best(self.columns, _FROM_FIRST)
+                .remaining
+                for whitener in (self.whitener, self.whitener * positions)
+            )
             <= CHANGE.most_left_share
             for beside in ((), self.smooth)
         )
@@ -203,6 +209,16 @@ class _Steps:
         rows = StepRows(self.at, self.poses, self.whitener, *self.smooth, *gradual, others)
         gain = rows.best(self.columns[:, :, own], _FROM_FIRST).gain
         return gain >= _needed(self.at, self.poses)
+
+
+def _repeated_across(poses: Observations, time_s: float) -> bool:
+    """Return whether poses were measured with one load on both sides of a time, which tell more."""
+    states, (_, pose) = poses.states, np.unique(poses.pose, return_inverse=True)
+    alike = np.unique(np.column_stack([pose, states.load_N]), axis=0, return_inverse=True)[
+        1
+    ].ravel()
+    later = states.time_s > time_s
+    return len(np.intersect1d(alike[later], alike[~later])) >= CHANGE.least_across
 
 
 def _settling(poses: Observations) -> list[Array]:

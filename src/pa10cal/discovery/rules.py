@@ -334,6 +334,9 @@ class Change:
     # least share of the squares that a change leaves: rows are no more linear than that (computing)
     same_squares: float = 1e-3
     least_side: int = 10  # readings on either side (statistics)
+    # poses measured on both sides, with one load, that show a step whatever else changed with it
+    # (statistics)
+    least_across: int = 5
     false_rate: float = 1e-3  # probability allowed of seeing a change where there is none (level)
     better_nats: float = 9.0  # least evidence of a change against a step of the base [nat] (trials)
     # most that another kind of change is worse to be a rival [nat] (level)

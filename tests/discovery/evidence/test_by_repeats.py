@@ -8,6 +8,7 @@ import pytest
 
 from made_up_arm import Missing, harmonic, measure
 from made_up_poses import at_rest
+from pa10cal.discovery.discover import discover
 from pa10cal.discovery.evidence.judge import floor_mm
 from pa10cal.discovery.next_poses import unresolved_pairs
 from pa10cal.errors import CalibrationError, DiscoveryError
@@ -179,6 +180,31 @@ class TestANewEffect:
         std = np.sqrt(np.diag(finding.covariance))
         assert (np.abs(finding.x - [3e-4, 1.0]) < 4.0 * std).all()
         assert found.holdout.after.mean_mm < 1.3 * found.noise_floor_mm
+
+
+@pytest.mark.parametrize("log", [False, True], ids=["the arm alone", "its log as well"])
+def test_a_zero_that_moved_between_repeats_is_no_noise(log):
+    """Joint 3 by 3e-4 rad after a third of the time: sixty times the noise of its log."""
+
+    def step(states):
+        return 3e-4 * (states.time_s > 3600.0)[:, None] * np.eye(6)[2]
+
+    measured = measure(Missing(turn=step))
+    readings = measured.readings
+    if log:
+        moved = replace(readings.states, q_rad=readings.states.q_rad + step(readings.states))
+        readings = readings.with_states(moved)
+    found = discover(readings, measured.baseline, measured.setup)
+    if log:  # the arm moved, and its log as much
+        assert found.verdict == "none"
+        return
+    assert found.verdict == "check_the_log"
+    (fault,) = found.faults
+    assert fault.kind == "step_in_time"
+    assert fault.what.startswith("the zero of joint 3 moved by +0.3")
+    assert "at 3600 s and" in fault.where
+    assert not found.prepared.gross.any()
+    assert found.train.after.mean_mm < 1.2 * found.noise_floor_mm
 
 
 def test_a_campaign_without_repeats_is_refused(null):
