@@ -92,6 +92,7 @@ def noise_of_repeats(readings: Observations, deviation: Array, screws: Array) ->
             both, difference - _explained(difference, by_direction, sizes, both), 0.0
         )
         tau_difference_Nm = _without_direction(tau_difference_Nm, turned)
+    n = screws.shape[2]
     sources = _covariances_by_source(screws, measured)
     of_pairs = np.where(
         (both[:, :, None] & both[:, None, :])[:, None],
@@ -100,9 +101,11 @@ def noise_of_repeats(readings: Observations, deviation: Array, screws: Array) ->
     )
     try:
         variances = _variance_components(difference, of_pairs, both)
+        variances = likelier_variances(
+            variances, np.eye(len(variances))[n], difference, of_pairs, both
+        )
     except np.linalg.LinAlgError:
         raise _no_noise(measured, difference, both) from None
-    n = screws.shape[2]
     return Noise(
         cov=_whole(np.einsum("k,pkij->pij", variances, sources), seen),
         differences=len(first),
@@ -344,10 +347,36 @@ def _variance_components(difference: Array, sources: Array, seen: Mask) -> Array
         q, triangle = np.linalg.qr(rows / size)  # a small system of the same solution
         variances = nnls(triangle, q.T @ squares.ravel())[0] / size
         expected = np.einsum("s,psij->pij", variances, sources)
-    # What remains over all components is a common factor.
-    whiten = whitener_of(_whole(expected, seen))
-    white = np.einsum("pij,pj->pi", whiten, difference)
-    return variances * float(np.sum(white**2) / seen.sum())
+    return variances
+
+
+def likelier_variances(
+    found: Array, of_instrument: Array, difference: Array, sources: Array, seen: Mask
+) -> Array:
+    """Return the likelier of two sets of variances (s,), each times its best common factor.
+
+    Where something else than noise is in the differences, as a step of the base between repeats,
+    joints may seem to be all of the noise: their covariance has next to none in some directions, by
+    which the common factor, and with it all the noise, came out three hundred times too large.
+
+    Args:
+        found: variances of all sources.
+        of_instrument: those of the instrument as stated, alone.
+    """
+    sets, misfits = [], []
+    for variances in (found, of_instrument):
+        try:
+            whiten = whitener_of(_whole(np.einsum("s,psij->pij", variances, sources), seen))
+        except np.linalg.LinAlgError:
+            if variances is found:
+                raise
+            continue
+        white = np.einsum("pij,pj->pi", whiten, difference)
+        factor = float(np.sum(white**2) / seen.sum())
+        log_det = -2.0 * float(np.log(np.diagonal(whiten, axis1=1, axis2=2)).sum())
+        sets.append(variances * factor)
+        misfits.append(log_det + seen.sum() * np.log(factor))
+    return sets[int(np.argmin(misfits))]
 
 
 def with_torque_noise(
