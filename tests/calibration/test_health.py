@@ -417,6 +417,12 @@ def test_an_attitude_is_held_to_its_unit_alone():
         assert health(ended(), errors(repeats=shown)).grade == grade
 
 
+def test_repeats_that_scatter_twice_as_stated_are_told():
+    found = health(ended(), errors(repeats=repeats(2e-5)))
+    assert "repeats scatter by 0.02 mm, 2 times what is stated" in found.line
+    assert "repeats scatter" not in health(ended(), errors(repeats=repeats(1.2e-5))).line
+
+
 def test_a_few_poses_promise_larger_errors_elsewhere():
     # Eight unknowns of twelve equations: residuals shrink to 0.58 of the errors.
     few = ended(poses=4, unknowns=8)

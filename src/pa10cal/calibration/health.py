@@ -331,6 +331,13 @@ def _remarks(evidence: GradeEvidence) -> Iterator[str]:
         yield f"{first.where}: {first.what}, as {by}{more}{remedy}"
     if evidence.noisy_campaign is not None:
         yield str(evidence.noisy_campaign)
+    for scatter in evidence.repeats:
+        told = GRADES.repeats_told < scatter.ratio <= GRADES.stated_ratio
+        if told and not scatter.is_of_attitude:
+            yield (
+                f"repeats scatter by {1e3 * scatter.found:.2g} mm, {scatter.ratio:.2g} times what is "
+                "stated: the arm's own repeatability, or a change between them; see the verdict"
+            )
     if evidence.below_noise and not (evidence.repeats or evidence.noise_is_found):
         yield (
             f"the stated noise of {evidence.noise_mm:.2g} mm is larger than what remains: effects "

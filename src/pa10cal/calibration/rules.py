@@ -24,6 +24,8 @@ class Grades:
     apparatus_ratio: float = 2.0
     # held-out over expected error above which the model does not predict as it promises (measured)
     over_expected: float = 1.3
+    # scatter of repeats over the stated uncertainty from which on it is told (told)
+    repeats_told: float = 1.5
     # stated over found uncertainty, either way, above which one of them is wrong (trials)
     stated_ratio: float = 3.0
     # the same of orientations, whose uncertainty is mostly taken from that of positions: a
