@@ -335,8 +335,8 @@ def _remarks(evidence: GradeEvidence) -> Iterator[str]:
         told = GRADES.repeats_told < scatter.ratio <= GRADES.stated_ratio
         if told and not scatter.is_of_attitude:
             yield (
-                f"repeats scatter by {1e3 * scatter.found:.2g} mm, {scatter.ratio:.2g} times what is "
-                "stated: the arm's own repeatability, or a change between them; see the verdict"
+                f"repeats scatter by {1e3 * scatter.found:.2g} mm, {scatter.ratio:.2g} times what "
+                "is stated: the arm's own repeatability, or a change between them; see the verdict"
             )
     if evidence.below_noise and not (evidence.repeats or evidence.noise_is_found):
         yield (
