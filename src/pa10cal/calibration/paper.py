@@ -15,12 +15,11 @@ from pa10cal.calibration.health import health
 from pa10cal.calibration.load_case import LoadCase, base_parameters, case_keys, fit_keys
 from pa10cal.calibration.rules import GRADES, UNKNOWNS
 from pa10cal.calibration.two_level_fit import Calibration, calibrate, pull_beyond_bounds
-from pa10cal.calibration.two_level_problem import TwoLevel
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.discrepancy import discrepancy_of, lacking_mm
 from pa10cal.fit.fitted import FittedTo
 from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.fit.problem import Problem, identify_beyond, not_identifiable, possible_sizes
+from pa10cal.fit.problem import identify_beyond, not_identifiable, possible_sizes
 from pa10cal.observe.observations import Observations, average_repeats, poses_of
 from pa10cal.observe.pose import Pose
 from pa10cal.results import calibration as records
@@ -184,7 +183,7 @@ def _evidence(
     level, solution, problem = cubic.level, cubic.solution, cubic.problem
     used, jacobian = level.observations, cubic.jacobian
     x, model = np.concatenate([solution.x, np.zeros(6)]), cubic.model(None)
-    hidden, last = _hidden(problem, x, level), str(level.model.chain.arm.n)
+    hidden, last = _hidden(cubic, x), str(level.model.chain.arm.n)
     # The departures of the last row contain the mounting of the apparatus as well.
     departures = level.model.departures
     of_last_row = {
@@ -255,11 +254,12 @@ def _apparatus_mm(cubic: Calibration, u_mm: float) -> float:
     return 1e3 * float(np.sqrt(np.sum(residual_m**2) / len(residual_m)))
 
 
-def _hidden(problem: Problem, x: Array, level: TwoLevel) -> frozenset[str]:
+def _hidden(calibration: Calibration, x: Array) -> frozenset[str]:
     """Return the parameters that no pose identifies, as the base frame or its noise hides them.
 
     The rank of the problem at random joint positions and torques decides.
     """
+    problem = calibration.problem
     generator = np.random.default_rng(0)
     observations = problem.observations.take(
         generator.integers(len(problem.observations), size=UNKNOWNS.paper_postures)
@@ -273,8 +273,8 @@ def _hidden(problem: Problem, x: Array, level: TwoLevel) -> frozenset[str]:
         tau_Nm=generator.permuted(states.tau_Nm, axis=0),
     )
     rows = replace(problem, observations=observations.with_states(drawn)).rows(x).jacobian
-    weighted = (level.weights[:, None] * rows).reshape(-1, len(x))
+    weighted = (calibration.level.weights[:, None] * rows).reshape(-1, len(x))
     identifiability = identify_beyond(
-        weighted, problem.scale, possible_sizes(problem.model), level.noise
+        weighted, problem.scale, possible_sizes(problem.model), calibration.row_noise
     )
     return not_identifiable(identifiability, problem.parameters)

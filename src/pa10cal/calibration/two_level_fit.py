@@ -24,7 +24,6 @@ from pa10cal.fit.problem import (
     Problem,
     Rows,
     Solution,
-    identify,
     identify_beyond,
     not_identifiable,
     possible_sizes,
@@ -58,6 +57,8 @@ class Calibration:
     problem: Problem  # the same on one level, about the base frame found
     jacobian: Array  # (N, 6, k + 6) of its rows by all unknowns, six motions of the base the last
     identifiability: Identifiability  # of all these unknowns
+    # standard deviation of a row, by which some directions are hardly shown; 0 where none is
+    row_noise: float
     # names of the parameters that take part in directions that the data do not identify
     not_identifiable: frozenset[str]
     # (k + 6, k + 6) of the parameters and of six small motions of the base along its own axes
@@ -124,12 +125,16 @@ def calibrate(
     solutions = [solve(level, start, terms, options.max_iterations) for start in starts]
     best = min(solutions, key=lambda solution: (not solution.converged, solution.cost))
     best, terms = _with_null_space_at_solution(level, best, terms, options)
+    held, of_held = _with_null_space_at_solution(level, best, terms, options, level.noise)
+    more, row_noise = len(of_held) - len(terms), 0.0
+    if more > 0 and held.cost < best.cost + FIT.hardly_squares * more * level.noise**2:
+        best, terms, row_noise = held, of_held, level.noise
     at_solution = level.rows(best.x)
     one_level = level.one_level(at_solution.T_instr_base)
     jacobian = one_level.rows(np.concatenate([best.x, np.zeros(6)])).jacobian
     weighted = (level.weights[:, None] * jacobian).reshape(-1, len(one_level.scale))
     identifiability = identify_beyond(
-        weighted, one_level.scale, possible_sizes(one_level.model), level.noise
+        weighted, one_level.scale, possible_sizes(one_level.model), row_noise
     )
     noise = observations
     if readings is not None:
@@ -143,24 +148,30 @@ def calibrate(
         problem=one_level,
         jacobian=jacobian,
         identifiability=identifiability,
+        row_noise=row_noise,
         not_identifiable=not_identifiable(identifiability, one_level.parameters)
         & {parameter.name for parameter in model.parameters},
         covariance=propagate(
             at_solution, noise, level.inner_rows, terms, level.r_max_m, u_apparatus_m
         )
-        + _of_hardly_shown(level, at_solution),
+        + _of_hardly_shown(level, at_solution, row_noise),
     )
 
 
 def _with_null_space_at_solution(
-    level: TwoLevel, best: Solution, terms: Array, options: CalibrationOptions
+    level: TwoLevel,
+    best: Solution,
+    terms: Array,
+    options: CalibrationOptions,
+    row_noise: float = 0.0,
 ) -> tuple[Solution, Array]:
     """Return a solution by the tolerance rows at itself, and these rows (r, k).
 
-    The null space depends on the parameters: its rows are computed anew until they stay.
+    The null space depends on the parameters: its rows are computed anew until they stay. With the
+    noise of a row it has directions that are hardly shown, too.
     """
     for _ in range(FIT.null_space_passes):
-        new_terms = tolerance_rows(level, best.x, options)
+        new_terms = tolerance_rows(level, best.x, options, row_noise)
         if _weigh_alike(terms, new_terms):
             break
         terms = new_terms
@@ -214,12 +225,17 @@ def pull_beyond_bounds(calibration: Calibration) -> Array:
     return np.where(solution.at_bound, pull, 0.0)
 
 
-def tolerance_rows(level: TwoLevel, x: Array, options: CalibrationOptions) -> Array:
+def tolerance_rows(
+    level: TwoLevel, x: Array, options: CalibrationOptions, row_noise: float = 0.0
+) -> Array:
     """Return the tolerance rows W (r, k) of paper equation (2), at parameters x; W x are residuals.
 
     As printed in the paper they act on every departure, and so pull identified parameters towards
-    nominal. On the null space they only fix the directions that the data do not identify, or tell
-    no better than is thought possible: they stay at nominal, and springs at none.
+    nominal. On the null space they only fix the directions that the data do not identify.
+
+    Args:
+        row_noise: standard deviation of a row; above zero, directions that the data tell no better
+            than is thought possible are fixed, too.
     """
     on_residual = options.epsilon_acts_on == "residual"
     weight = options.epsilon if on_residual else float(np.sqrt(options.epsilon))
@@ -228,19 +244,19 @@ def tolerance_rows(level: TwoLevel, x: Array, options: CalibrationOptions) -> Ar
         tolerances = [parameter.tolerance for parameter in level.model.parameters]
         rows = np.array([0.0 if size is None else weight / size for size in tolerances])
         return np.diag(rows)[rows > 0]
-    null: Array = weight * _identified(level, level.rows(x)).null_space.T / scale
+    null: Array = weight * _identified(level, level.rows(x), row_noise).null_space.T / scale
     return null
 
 
-def _of_hardly_shown(level: TwoLevel, at_solution: TwoLevelRows) -> Array:
+def _of_hardly_shown(level: TwoLevel, at_solution: TwoLevelRows, row_noise: float) -> Array:
     """Return the covariance (k + 6, k + 6) by directions that the poses tell less than is possible.
 
     The fit holds them, so the noise says nothing of them: they may be as large as is thought
     possible. Directions without any effect on poses are left out, whatever their size.
     """
     scale, possible = level.model.scale, possible_sizes(level.model)
-    hardly = _identified(level, at_solution).null_space
-    none = identify(at_solution.jacobian.reshape(-1, len(scale)), scale).null_space
+    hardly = _identified(level, at_solution, row_noise).null_space
+    none = _identified(level, at_solution, 0.0).null_space
     basis, sizes, _ = np.linalg.svd(hardly - none @ (none.T @ hardly), full_matrices=False)
     basis = basis[:, sizes > FIT.hardly_share]
     of_basis = np.linalg.inv(basis.T @ (basis * (scale / possible)[:, None] ** 2))
@@ -251,11 +267,11 @@ def _of_hardly_shown(level: TwoLevel, at_solution: TwoLevelRows) -> Array:
     return np.asarray(both @ of_basis @ both.T)
 
 
-def _identified(level: TwoLevel, rows: TwoLevelRows) -> Identifiability:
+def _identified(level: TwoLevel, rows: TwoLevelRows, row_noise: float) -> Identifiability:
     """Return what the poses tell of the outer parameters, better than is thought possible."""
     model = level.model
     jacobian = rows.jacobian.reshape(-1, len(model.scale))
-    return identify_beyond(jacobian, model.scale, possible_sizes(model), level.noise)
+    return identify_beyond(jacobian, model.scale, possible_sizes(model), row_noise)
 
 
 def check_torques(model: Model, observations: Observations) -> None:
