@@ -20,6 +20,7 @@ from pa10cal.fit.discrepancy import discrepancy_of, lacking_mm
 from pa10cal.fit.fitted import FittedTo
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.problem import identify_beyond, not_identifiable, possible_sizes
+from pa10cal.fit.weighed_arm import weighed_model
 from pa10cal.observe.observations import Observations, average_repeats, poses_of
 from pa10cal.observe.pose import Pose
 from pa10cal.results import calibration as records
@@ -65,7 +66,7 @@ def paper_case(
     load_N, payload, rigid = grid.states.load_N, case.payload, nominal(arm)
     model, linear_model = (
         replace(each, discrepancy=discrepancy_of(each, used))
-        for each in (cubic.model(payload), linear.model(payload))
+        for each in (weighed_model(fit.model(payload), chosen) for fit in (cubic, linear))
     )
     before, from_seed = (
         accuracy.summarise_by_load(FittedModel(rigid, np.zeros(0), T).deviations(grid), load_N)

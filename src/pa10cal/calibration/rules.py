@@ -268,8 +268,8 @@ class Fit:
     cubic_share: float = 0.01  # cubic share that they start with (computing)
     # times that the null space is found again at the solution (computing)
     null_space_passes: int = 3
-    # directions that poses hardly show are fixed if the squares then rise by less than this, each, in
-    # those of noise (level)
+    # directions that poses hardly show are fixed if the squares then rise by less than this for
+    # each, in those of noise (level)
     hardly_squares: float = 9.0
     # a direction that poses hardly show counts with its size by this part beside those without any
     # effect on them (computing)

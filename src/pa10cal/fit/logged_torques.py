@@ -18,6 +18,7 @@ from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm, weights_known
 from pa10cal.arm.statics import Payload
 from pa10cal.arrays import MEDIAN_TO_SIGMA, Array, Mask
+from pa10cal.fit.fitted import Fitted
 from pa10cal.fit.loads import statics_of
 from pa10cal.fit.uncertain_weights import weight_sizes, with_assumed_weights
 from pa10cal.numerics.gaussian import Gaussian
@@ -140,14 +141,28 @@ class LoggedTorques:
 
     @classmethod
     def of(
-        cls, arm: Arm, payload: Payload, poses: Observations, *, repeated: bool
+        cls,
+        arm: Arm,
+        payload: Payload,
+        poses: Observations,
+        *,
+        repeated: bool,
+        about: Fitted | None = None,
     ) -> LoggedTorques:
-        """Return the torques of poses, all logged, of an arm with stated or assumed weights."""
+        """Return the torques of poses, all logged, of an arm with stated or assumed weights.
+
+        Args:
+            about: model of its postures; None for the nominal arm.
+        """
         states, described = poses.states, arm
         if arm.weights_known is not None:
             known = replace(arm.weights_known, by_log=None)
             described = replace(arm, weights_known=known)
-        calculated = statics_of(Model(Chain.of(described), ()), np.zeros(0), states, payload)
+        model, x = Model(Chain.of(described), ()), np.zeros(0)
+        if about is not None:
+            chain = Chain.of(described, bends=about.model.chain.bends)
+            model, x = replace(about.model, chain=chain, derivative_cache=None), about.x
+        calculated = statics_of(model, x, states, payload)
         rated_Nm = arm.rated_Nm(np.abs(calculated.joint_Nm).max(axis=0))
         # A wrong size or point of the external load, and a wrong tool, are faults of their own.
         load = calculated.by_load * states.load_N[:, None]
@@ -247,13 +262,17 @@ class LoggedTorques:
         return lower
 
     def fitted_in_scale_of_log(self, sizes: Array, errors: ErrorsShown) -> WeightFit:
-        """Fit weights to torques less their errors, with the scale errors of the log left in.
+        """Fit weights to torques less their errors, with what is left of these in the weights.
 
-        Springs are fitted to torques with these scale errors, and predictions need the same: their
-        columns, the first n, are left out.
+        Springs are fitted to torques with the scale errors of the log, and with zeros that do not
+        show, and predictions need the same torques: their columns are left out. Weights beside such
+        a zero are off by what it takes up, which predictions then lack.
         """
-        without = self.without_errors(errors)
-        return replace(without, nuisance=without.nuisance[:, :, self.arm.n :]).fitted(sizes)
+        n, without = self.arm.n, self.without_errors(errors)
+        kept = np.ones(without.nuisance.shape[2], dtype=bool)
+        kept[:n] = False
+        kept[2 * n : 3 * n] = errors.zero_Nm != 0.0 if len(errors.zero_Nm) else False
+        return replace(without, nuisance=without.nuisance[:, :, kept]).fitted(sizes)
 
     def without_errors(self, errors: ErrorsShown) -> LoggedTorques:
         """Return the torques less their zeros and friction."""

@@ -12,13 +12,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, TypeVar
 
 import numpy as np
 
+from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm, WeighedByLog, WeightsKnown, weights_known
 from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Array, spread
+from pa10cal.fit.fitted import Fitted
 from pa10cal.fit.logged_torques import LoggedTorques
 from pa10cal.fit.uncertain_weights import implausible_masses, with_assumed_weights
 from pa10cal.observe.arrivals import with_arrivals
@@ -26,6 +28,8 @@ from pa10cal.observe.observations import Observations, average_repeats
 from pa10cal.results.calibration import InputFinding
 from pa10cal.results.number_text import plain_number, with_half_width_95
 from pa10cal.rules import MASSES
+
+F = TypeVar("F", bound=Fitted)
 
 #: Divisors in place of a mass or a size of zero (computing).
 _NO_MASS_KG, _NO_SIZE = 1e-9, 1e-12
@@ -65,7 +69,36 @@ def weighed_arm(
     return arm if torques is None else _weighed_by(torques)
 
 
-def _torques_of_weights(arm: Arm, payload: Payload, every: Observations) -> LoggedTorques | None:
+def weighed_model(model: F, every: Observations) -> F:
+    """Return a model of stated weights, with their differences by the log about its own postures.
+
+    Before the fit only those of the nominal arm are known: zeros of joints that are some
+    milliradians off, and links that sag, change torques by newton metres, which weights then take
+    up and predictions have twice.
+
+    Args:
+        every: readings that the model was fitted to, with torques less their errors.
+    """
+    arm, payload = model.arm, model.payload
+    by_log = weights_known(arm).by_log
+    if by_log is None or payload is None or weights_known(arm).origin == "logged":
+        return model
+    torques = _torques_of_weights(arm, payload, every, model)
+    if torques is None:
+        return model
+    contradicted = _contradictions(torques, arm.n)
+    outer = [each.part for each in contradicted if each.part.link >= arm.n - 1]
+    sizes = _freed(torques, outer)
+    found = _differences_by_log(torques, sizes)
+    by_log = replace(by_log, x=found.x, covariance=found.covariance)
+    arm = replace(arm, weights_known=replace(weights_known(arm), by_log=by_log))
+    chain = Chain.of(arm, bends=model.model.chain.bends)
+    return replace(model, model=replace(model.model, chain=chain))
+
+
+def _torques_of_weights(
+    arm: Arm, payload: Payload, every: Observations, about: Fitted | None = None
+) -> LoggedTorques | None:
     """Return the logged torques of calibration poses; None where they are none of weights."""
     grid = with_arrivals(every, arm)[0].of_kind("grid")
     if not len(grid) or not np.isfinite(grid.states.tau_Nm).all():
@@ -75,7 +108,7 @@ def _torques_of_weights(arm: Arm, payload: Payload, every: Observations) -> Logg
     poses = average_repeats(grid)
     repeated = len(grid) - len(poses) > MASSES.repeated_share * len(grid)
     poses = poses.take(np.unique(spread(len(poses), MASSES.most_poses)))
-    torques = LoggedTorques.of(arm, payload, poses, repeated=repeated)
+    torques = LoggedTorques.of(arm, payload, poses, repeated=repeated, about=about)
     return torques if torques.are_of_weights else None
 
 

@@ -31,6 +31,7 @@ from pa10cal.fit.problem import Problem, not_identifiable
 from pa10cal.fit.robust_weights import suspect_beyond
 from pa10cal.fit.tails import keep_their_distances
 from pa10cal.fit.validity import angles_seen
+from pa10cal.fit.weighed_arm import weighed_model
 from pa10cal.observe.arrivals import with_arrivals
 from pa10cal.observe.observations import Observations, average_repeats
 from pa10cal.observe.quantities import Deviations, Start
@@ -160,7 +161,7 @@ class _FittedCase:
             full = geometry = calibrate_general(arm, used, start, payload, options)
             if full.springs:
                 geometry = calibrate_general(arm, used, start, payload, rigid)
-        model = with_discrepancy(full)
+        model = weighed_model(with_discrepancy(full), full.problem.observations)
         grid = _with_model_torques(model, grid, payload)
         found = cls(case, every, start, used, full, geometry, nominal, model, grid, rows)
         spread_mm = used.measured.spread_mm
