@@ -5,13 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from made_up_arm import ARM, Missing, harmonic, measure, scored
+from made_up_arm import ARM, TARGETS_M, Missing, harmonic, measure, scored
 from pa10cal.arm.chain import Chain
 from pa10cal.arrays import rms
 from pa10cal.discovery.evidence.by_repeats import channel_tests, evidence_lack_of_fit
 from pa10cal.discovery.evidence.fit import fit
 from pa10cal.discovery.evidence.noise_model import NO_SHARED_ERROR
 from pa10cal.discovery.evidence.problem import prepare
+from pa10cal.discovery.evidence.search import evidence_about
 from pa10cal.discovery.finding import name_of
 from pa10cal.discovery.gap import errors_by_name
 from pa10cal.discovery.lack_of_fit import drift, mean, periodogram
@@ -19,6 +20,7 @@ from pa10cal.discovery.noise import same_circumstances
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.instrument import group_means
 from pa10cal.observe.observations import average_repeats
+from pa10cal.observe.points import Points
 from pa10cal.options import Tolerances
 from pa10cal.terms.effects.joint import FrictionTorque, TransmissionError
 from pa10cal.terms.joint_spring import baseline
@@ -83,6 +85,42 @@ def test_what_poses_share_stands_out_where_something_is_missing(wavy, left):
     assert pure_error.p_value < 1e-9
     assert shared > 1.0
     assert pytest.approx(1.0, abs=0.25) == of_torques.F
+
+
+def by_points(measured, hidden, shared_m, noise_m=5e-6):
+    """Return the problem of three targets, a share of whose readings is hidden, and its fit."""
+    rng, readings, at = np.random.default_rng(7), measured.readings, measured.baseline
+    T = at.T_instr_base @ at.model.predict(readings.states, at.x)
+    p_m = T[:, None, :3, 3] + TARGETS_M @ T[:, :3, :3].transpose(0, 2, 1)
+    labels, pose = np.unique(readings.pose, return_inverse=True)
+    p_m += shared_m * rng.normal(size=(len(labels), 3, 3))[pose]
+    p_m += noise_m * rng.normal(size=p_m.shape)
+    p_m[rng.uniform(size=p_m.shape[:2]) < hidden] = np.nan
+    cov_m2 = np.where(np.isfinite(p_m)[..., None], noise_m**2 * np.eye(3), np.nan)
+    points = Points(("T1", "T2", "T3"), p_m, cov_m2, None)
+    at = replace(at, targets_m=TARGETS_M.ravel())
+    problem = prepare(replace(readings, measured=points), at, measured.setup)
+    return problem, fit(problem, (), (), NO_SHARED_ERROR)
+
+
+@pytest.mark.parametrize("hidden", [0.0, 0.2, 0.5])
+def test_targets_that_were_hidden_are_no_evidence(null, hidden):
+    problem, start = by_points(null, hidden, 0.0)
+    test = channel_tests(problem, start)[0].pure_error
+    assert pytest.approx(1.0, abs=0.15) == test.F
+    assert test.p_value > 0.01
+    # Three targets of four repeats: pairs in which neither was hidden.
+    pairs = len(problem.readings) / 2 * 9 * (1.0 - hidden) ** 2
+    assert test.pure_error_dof == pytest.approx(pairs, rel=0.1)
+    assert test.dof < problem.cells.measured.components_seen.sum()
+
+
+def test_what_poses_share_is_as_large_where_targets_were_hidden(null):
+    of_all, of_some = (by_points(null, hidden, 1e-5) for hidden in (0.0, 0.3))
+    tested = [channel_tests(*each)[0].shared_variance for each in (of_all, of_some)]
+    likeliest = [evidence_about(*each, ()).score(()).variances.pose for each in (of_all, of_some)]
+    assert tested[1] == pytest.approx(tested[0], rel=0.15)
+    assert likeliest[1] == pytest.approx(likeliest[0], rel=0.15)
 
 
 def test_projection_finds_the_joint_and_the_periodogram_its_order(left):

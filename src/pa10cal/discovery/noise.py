@@ -38,6 +38,7 @@ class Noise:
     # [rad], along the instrument's axes
     cov: Array
     differences: int  # pairs of readings behind it; 0 where it is what the instrument states
+    components_compared: int = 0  # of all pairs of repeats: those that both readings have
     # (n,) standard deviation of each joint's position; empty where not attributed to sources
     joint_rad: Array = field(default_factory=lambda: np.zeros(0))
     instrument: float = 1.0  # factor on the instrument's stated standard uncertainty
@@ -109,6 +110,7 @@ def noise_of_repeats(readings: Observations, deviation: Array, screws: Array) ->
     return Noise(
         cov=_whole(np.einsum("k,pkij->pij", variances, sources), seen),
         differences=len(first),
+        components_compared=int(both.sum()),
         joint_rad=np.sqrt(variances[:n]),
         instrument=float(np.sqrt(variances[n])),
         torque_Nm=_torque_noise_Nm(tau_difference_Nm, states.tau_Nm),

@@ -31,7 +31,7 @@ from pa10cal.errors import DiscoveryError
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import statics_of, with_torques
 from pa10cal.numerics.pose_sets import Combined, SeparationCriterion
-from pa10cal.observe.instrument import Instrument
+from pa10cal.observe.instrument import Instrument, group_means
 from pa10cal.observe.observations import Observations
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.term import shows_torque
@@ -219,6 +219,8 @@ class _Rows:
         members = (effect for pair in pairs for effect in pair if effect is not None)
         effects = tuple(dict.fromkeys([*found.effects, *members]))
         now, then = (_by_parameters(part, found, effects) for part in (problem, ahead))
+        _, pose = np.unique(problem.cells.pose, return_inverse=True)
+        never = group_means(problem.cells.measured.components_seen.astype(float), pose) == 0.0
         rows = {e: np.concatenate([now.of_effects[e], then.of_effects[e]]) for e in effects}
         sizes = dict.fromkeys(effects, EVIDENCE.sizes[-1])
         sizes |= {effect: EVIDENCE.sizes[size] for effect, size in found.size_of.items()}
@@ -228,7 +230,7 @@ class _Rows:
             by_effect={e: rows[e] @ now.factors[e] * sizes[e] for e in effects},
             as_found={e: rows[e][..., : e.linear] @ amount for e, amount in amounts.items()},
             measured=len(now.common),
-            components=len(np.unique(problem.cells.pose)) * now.common.shape[1],
+            components=len(never) * now.common.shape[1] - int(never.sum()),
         )
 
     def separation(self, truth: Effect, rival: Effect | None) -> SeparationCriterion:
@@ -285,7 +287,7 @@ def _by_parameters(
 
     def scaled(channel: NoiseModel, variance: float, rows: Array) -> Array:
         """Return rows divided by their noise with the error that all readings of a pose share."""
-        divided = rows / np.sqrt(1.0 + variance * channel.shared_size)[:, None]
+        divided = rows / np.sqrt(1.0 + variance * channel.shared.variance)[:, None]
         return divided.reshape(len(channel.whitener), -1, rows.shape[1])
 
     rows = [np.hstack([lin.own, pose.common]), *(block.pose for block in lin.blocks)]

@@ -106,7 +106,7 @@ class TestLinearise:
         there, absent = own.copy(), own
         there[first:last] = x
         rows = [
-            null.problem.pose.rows(
+            null.problem.pose.noise_whitened(
                 with_unknowns(with_it.at, at).compared(null.problem.cells).residual[:, :, None]
             )[:, 0]
             for at in (there, absent)

@@ -1,5 +1,7 @@
 """Cells hold every reading once, and what cells of a pose share is laid out as it is."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -9,6 +11,7 @@ from drawn_examples import examples
 from made_up_poses import at_rest, measured_poses
 from pa10cal.discovery.evidence.noise_model import average_into_cells, shared_error
 from pa10cal.discovery.rules import EVIDENCE
+from pa10cal.observe.points import Points
 
 
 def rows_of(pose, load_N, side, time_s, repeats=None):
@@ -60,6 +63,20 @@ def test_every_reading_is_in_one_cell_of_its_own_circumstances(readings):
         np.testing.assert_allclose(cell_cov[k], expected)
 
 
+def test_readings_of_a_cell_have_the_same_targets():
+    readings = rows_of([0] * 6, [0.0] * 6, [1.0] * 6, np.arange(6.0))
+    p_m = np.ones((6, 2, 3))
+    p_m[[1, 3], 1] = np.nan
+    points = Points(("T1", "T2"), p_m, np.tile(1e-12 * np.eye(3), (6, 2, 1, 1)), None)
+    cells, _ = average_into_cells(
+        replace(readings, measured=points), np.tile(np.eye(6), (6, 1, 1)), 8
+    )
+    held = cells.states.q_rad > 0.0
+    assert {tuple(np.flatnonzero(row).tolist()) for row in held} == {(1, 3), (0, 2, 4, 5)}
+    seen = cells.measured.components_seen[:, 3:]
+    np.testing.assert_array_equal(seen, np.tile(~held[:, [1]], 3))
+
+
 @given(some_readings())
 @examples(40)
 def test_cells_of_the_same_circumstances_follow_each_other_in_time(readings):
@@ -85,27 +102,38 @@ def shapes_of(load_N, time_s, side):
     return np.stack([np.ones(len(side)), *map(spread, (load_N, time_s, side))], axis=1)
 
 
-@given(st.integers(0, 2**32 - 1), st.floats(0.0, 100.0))
+@given(st.integers(0, 2**32 - 1), st.floats(0.0, 100.0), st.sampled_from([0.0, 0.6, 1.0]))
 @examples(25)
-def test_turned_rows_of_the_shared_error_are_independent(seed, variance):
+def test_turned_rows_of_the_shared_error_are_independent(seed, variance, share_seen):
     rng = np.random.default_rng(seed)
     pose = np.repeat(np.arange(4), rng.integers(1, 7, 4))
     load_N, side = rng.choice([0.0, 22.0, 44.0], len(pose)), rng.choice([-1.0, 1.0], len(pose))
     time_s, repeats = rng.permutation(len(pose)) * 50.0, rng.integers(1, 5, len(pose))
-    found = shared_error(rows_of(pose, load_N, side, time_s, repeats))
-    np.testing.assert_allclose(found.rotation @ found.rotation.T, np.eye(len(pose)), atol=1e-12)
-    assert not found.rotation[pose[:, None] != pose].any()
-    covariance = np.eye(len(pose))
+    # Of two components, the second is not in all cells: what these would share is not in the rest.
+    seen = np.stack([np.full(len(pose), True), rng.uniform(size=len(pose)) < share_seen], axis=1)
+    found = shared_error(rows_of(pose, load_N, side, time_s, repeats), seen)
+    rotation = found.rotation.toarray()
+    np.testing.assert_allclose(rotation @ rotation.T, np.eye(2 * len(pose)), atol=1e-12)
+    of_pose, component = np.repeat(pose, 2), np.tile([0, 1], len(pose))
+    apart = (of_pose[:, None] != of_pose) | (component[:, None] != component)
+    assert not rotation[apart].any()
+    np.testing.assert_array_equal(rotation[~seen.ravel()], np.eye(2 * len(pose))[~seen.ravel()])
+    assert not found.variance[~seen.ravel()].any()
+    shared = np.zeros((len(pose), 2, len(pose), 2))
     for each in range(4):
         here = np.flatnonzero(pose == each)
         # A unit of the error is one standard deviation of a reading; a mean of k is whiter.
         shapes = shapes_of(load_N[here], time_s[here], side[here]) * np.sqrt(repeats[here, None])
-        covariance[np.ix_(here, here)] += variance * shapes @ shapes.T
-    turned = found.rotation @ covariance @ found.rotation.T
+        for k in (0, 1):
+            there = np.outer(seen[here, k], seen[here, k])
+            shared[here[:, None], k, here, k] = there * (shapes @ shapes.T)
+    covariance = np.eye(2 * len(pose)) + variance * shared.reshape(2 * len(pose), -1)
+    turned = rotation @ covariance @ rotation.T
     np.testing.assert_allclose(turned, np.diag(1.0 + variance * found.variance), atol=1e-8)
 
 
 def test_a_pose_of_one_cell_shares_with_nothing():
-    found = shared_error(rows_of([0, 1], [0.0, 0.0], [1.0, 1.0], [0.0, 1.0], [3, 1]))
-    np.testing.assert_allclose(np.abs(found.rotation), np.eye(2))
+    cells = rows_of([0, 1], [0.0, 0.0], [1.0, 1.0], [0.0, 1.0], [3, 1])
+    found = shared_error(cells, np.full((2, 1), True))
+    np.testing.assert_allclose(np.abs(found.rotation.toarray()), np.eye(2))
     assert found.variance == pytest.approx([3.0, 1.0])

@@ -99,7 +99,7 @@ def test_a_fit_comes_to_rest_where_nothing_leads_down(wave):
 
     def cost(x):
         rows = wave.problem.pose.whitening(0.0)(
-            wave.problem.pose.rows(pose_rows(wave.problem, with_unknowns(found.at, x)))
+            wave.problem.pose.noise_whitened(pose_rows(wave.problem, with_unknowns(found.at, x)))
         )[:, 0]
         expected = x / possible_sizes(found.model)
         at = found.columns_of(effect)

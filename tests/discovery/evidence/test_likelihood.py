@@ -5,6 +5,7 @@ from itertools import product
 import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
+from scipy.sparse import csr_array, eye_array
 from scipy.stats import multivariate_normal
 
 from pa10cal.discovery.evidence.likelihood import (
@@ -23,7 +24,8 @@ POSE = np.repeat(np.arange(5), 2)
 def channel_of(rng, b, common):
     """Return a channel of cells that share an error two by two."""
     size, turn = np.linalg.eigh(1.0 * (POSE[:, None] == POSE))
-    shared = SharedByCells(turn.T, np.maximum(size, 0.0))
+    rotation = csr_array(np.kron(turn.T, np.eye(b)))
+    shared = SharedByCells(rotation, np.repeat(np.maximum(size, 0.0), b))
     return NoiseModel.of(
         np.tile(np.eye(b), (CELLS, 1, 1)), shared, rng.normal(size=(CELLS, b, common))
     )
@@ -53,7 +55,7 @@ class Made:
         rng = np.random.default_rng(seed)
         rows = []
         for channel, variance, own in self._channels(pose_variance, torque_variance):
-            std = np.sqrt(1.0 + variance * channel.shared_size)
+            std = np.sqrt(1.0 + variance * channel.shared.variance)
             noise = std * rng.normal(size=len(std)) + channel.common @ rng.normal(
                 size=channel.common.shape[1]
             )
@@ -77,7 +79,7 @@ class Made:
         both = slice(0, split), slice(split, None)
         for at, (channel, variance, own) in zip(both, self._channels(*variances), strict=True):
             rows = np.concatenate([channel.common, own], axis=1)
-            total = np.diag(1.0 + variance * channel.shared_size)
+            total = np.diag(1.0 + variance * channel.shared.variance)
             covariance[at, at] = total + rows @ rows.T
         for k, size in zip(members, sizes, strict=True):
             block = self.blocks[k]
@@ -184,7 +186,7 @@ def test_without_torques_poses_speak_alone(made):
 def test_the_best_variance_is_found_where_hundreds_of_rows_have_a_part(variance):
     rng = np.random.default_rng(8)
     rows = 400
-    shared = SharedByCells(np.eye(rows), rng.uniform(1.0, 4.0, rows))
+    shared = SharedByCells(eye_array(rows).tocsr(), rng.uniform(1.0, 4.0, rows))
     channel = NoiseModel.of(np.ones((rows, 1, 1)), shared, np.zeros((rows, 1, 0)))
     data = np.sqrt(1.0 + variance * shared.variance) * rng.normal(size=rows)
     alone = LinearisedCandidates(data, np.zeros(0), np.zeros((rows, 0)), ())

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.sparse import csr_array
 
 from pa10cal.discovery.evidence.noise_model import NoiseModel, SharedByCells
 
@@ -20,7 +21,8 @@ class Made:
         alike = (shapes @ shapes.T) * (POSE[:, None] == POSE)
         size, turn = np.linalg.eigh(alike)
         common = rng.normal(size=(CELLS, B, COMMON))
-        shared = SharedByCells(turn.T, np.maximum(size, 0.0))
+        rotation = csr_array(np.kron(turn.T, np.eye(B)))
+        shared = SharedByCells(rotation, np.repeat(np.maximum(size, 0.0), B))
         self.channel = NoiseModel.of(np.linalg.inv(root), shared, common)
         self.noise = np.zeros((CELLS * B, CELLS * B))
         self.shared = np.zeros_like(self.noise)
@@ -37,7 +39,7 @@ class Made:
 
     def whitening(self, variance):
         """Return what rows as measured are multiplied by."""
-        rows = self.channel.rows(np.eye(CELLS * B).reshape(CELLS, B, CELLS * B))
+        rows = self.channel.noise_whitened(np.eye(CELLS * B).reshape(CELLS, B, CELLS * B))
         return self.channel.whitening(variance)(rows)
 
 

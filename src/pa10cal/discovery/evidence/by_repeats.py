@@ -409,10 +409,12 @@ def channel_tests(
 
     The degrees of freedom of a row are one less its leverage, by the parameters of the fit.
     """
-    channels = [(problem.pose, pose_rows(problem, found.at))]
+    noise = problem.noise
+    channels = [(problem.pose, pose_rows(problem, found.at), noise.components_compared)]
     if problem.torque is not None:
-        channels.append((problem.torque, torque_rows(problem, found.at)))
-    whitened = [channel.whitened(values, 0.0) for channel, values in channels]
+        torques = torque_rows(problem, found.at)
+        channels.append((problem.torque, torques, noise.differences * torques.shape[1]))
+    whitened = [channel.whitened(values, 0.0) for channel, values, _ in channels]
     # Columns in units of the possible size of each parameter, so that those that the rows do not
     # determine take no degree of freedom.
     sizes = possible_sizes(found.model, problem.cells.measured)
@@ -420,17 +422,16 @@ def channel_tests(
     nothing = Gaussian.none(len(found.x))
     both = sum((Gaussian.of(by_x, np.zeros(len(by_x))) for by_x in columns), nothing)
     tests = []
-    for (channel, values), rows, by_x in zip(channels, whitened, columns, strict=True):
+    for (channel, _, pure_dof), rows, by_x in zip(channels, whitened, columns, strict=True):
         dof = 1.0 - both.variances(by_x)
-        shares = channel.shared_size > COMPUTING.no_part
+        shares = channel.shared.variance > COMPUTING.no_part
         shared_dof = float(dof[shares].sum())
         if shared_dof <= COMPUTING.no_part:
             tests.append(ChannelTest(None, 0.0))
             continue
-        pure_dof = problem.noise.differences * values.shape[1]
         test = pure_error_test(float((rows[shares, 0] ** 2).sum()), shared_dof, pure_dof)
         beyond = max(test.chi_square - test.dof, 0.0)
-        variance = beyond / float(dof @ channel.shared_size) if beyond else 0.0
+        variance = beyond / float(dof @ channel.shared.variance) if beyond else 0.0
         tests.append(ChannelTest(test, variance))
     of_torques = None if problem.torque is None else tests[1]
     return tests[0], of_torques
@@ -441,11 +442,11 @@ def _net_residual(model: NoiseModel, rows: Array, shared_variance: float) -> Arr
 
     From rows (C, b, 1 + k) of predicted minus measured and its derivative.
     """
-    residual_rows = -model.rows(rows[:, :, :1])
+    residual_rows = -model.noise_whitened(rows[:, :, :1])
     amounts = model.common_amounts(residual_rows, shared_variance)
     net = residual_rows - model.common @ amounts
-    white = model.shared.rotation.T @ net.reshape(len(rows), -1)
-    return np.asarray(np.linalg.solve(model.whitener, white[..., None])[:, :, 0])
+    white = (model.shared.rotation.T @ net).reshape(*model.whitener.shape[:2], 1)
+    return np.asarray(np.linalg.solve(model.whitener, white)[:, :, 0])
 
 
 def fit_given(

@@ -31,13 +31,13 @@ def linearise(
     problem: EvidenceProblem, found: EvidenceFit, candidates: tuple[Effect, ...]
 ) -> LinearisedCandidates:
     """Linearise the model about a fit, by its own parameters and by candidates."""
-    pose = problem.pose.rows(pose_rows(problem, found.at))
+    pose = problem.pose.noise_whitened(pose_rows(problem, found.at))
     own_columns = found.baseline_columns()
     possible = possible_sizes(found.model, problem.cells.measured)[own_columns]
     pose_data, by_x = -pose[:, 0], pose[:, 1:]
     torque_data, torque_by_x = np.zeros(0), np.zeros((0, len(found.x)))
     if problem.torque is not None:
-        torque = problem.torque.rows(torque_rows(problem, found.at))
+        torque = problem.torque.noise_whitened(torque_rows(problem, found.at))
         torque_data, torque_by_x = -torque[:, 0], torque[:, 1:]
     blocks: dict[Effect, CandidateRows] = {}
     for effect in found.effects:
@@ -68,10 +68,10 @@ def _rows_of_others(
 ) -> list[CandidateRows]:
     """Return the rows of effects that are not in the fit, each at all of its shapes."""
     shapes = [(effect, start) for effect in effects for start in effect.starts]
-    pose = problem.pose.rows(_poses_by_shapes(problem, found, shapes))
+    pose = problem.pose.noise_whitened(_poses_by_shapes(problem, found, shapes))
     torque = np.zeros((0, pose.shape[1]))
     if problem.torque is not None:
-        torque = problem.torque.rows(_torques_by_shapes(problem.cells.states, shapes))
+        torque = problem.torque.noise_whitened(_torques_by_shapes(problem.cells.states, shapes))
     widths = [len(effect.starts) * effect.linear for effect in effects]
     stops = np.cumsum([0, *widths]).tolist()
     factors = [np.kron(np.eye(len(each.starts)), each.prior_factor) for each in effects]

@@ -111,9 +111,7 @@ def _rows_by_cell(problem: EvidenceProblem, found: EndOfSearch) -> WhitenedRows:
     """
 
     def single(channel: NoiseModel, _: float, rows: Array) -> Array:
-        cells, b, _ = channel.whitener.shape
-        whitened = channel.whitening(0.0)(rows).reshape(cells, -1)
-        return np.asarray((channel.shared.rotation.T @ whitened).reshape(cells * b, -1))
+        return np.asarray(channel.shared.rotation.T @ channel.whitening(0.0)(rows))
 
     return _whitened(problem, found, (), single)
 
@@ -126,7 +124,8 @@ def _whitened(
 ) -> WhitenedRows:
     """Return whitened rows of poses, and then of torques.
 
-    `of_channel` whitens rows (R, k) of poses or torques, by the variance of their shared error.
+    `of_channel` whitens noise-whitened rows (R, k) of poses or torques, by the variance of their
+    shared error.
     """
     wanted = tuple(dict.fromkeys((*family, *found.fit.effects)))
     lin, variances = linearise(problem, found.fit, wanted), found.score.variances

@@ -130,7 +130,7 @@ def targets_off_m(problem: EvidenceProblem, found: EvidenceFit) -> Array:
     They are common to all poses. The fit integrates them out; here they are estimated from its
     residuals.
     """
-    rows = problem.pose.rows(found.at.compared(problem.cells).residual[:, :, None])
+    rows = problem.pose.noise_whitened(found.at.compared(problem.cells).residual[:, :, None])
     units = problem.pose.common_amounts(rows, found.variances.pose)[:, 0]
     stated = problem.cells.measured.by_stated_targets.shape[2]  # other common errors follow
     return np.asarray(-problem.setup.apparatus_m * units[:stated], dtype=np.float64)

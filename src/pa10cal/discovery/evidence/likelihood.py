@@ -250,9 +250,9 @@ def reduced(channel: NoiseModel, columns: Array, data: Array, own: Array) -> Gau
     k, c = own.shape[1], channel.common.shape[1]
     rows = np.concatenate([channel.common, own, columns, data[:, None]], axis=1)
     # Most rows have none of the shared error: their products are the same at all variances.
-    shared = channel.shared_size > COMPUTING.no_part
+    shared = channel.shared.variance > COMPUTING.no_part
     always = rows[~shared].T @ rows[~shared]
-    rows, size = rows[shared], channel.shared_size[shared]
+    rows, size = rows[shared], channel.shared.variance[shared]
 
     def at(variance: float) -> Gaussian:
         total = 1.0 + variance * size

@@ -9,13 +9,13 @@ standard uncertainties are known. The pose is the unit of evidence.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse import csr_array
 
-from pa10cal.arrays import Array
+from pa10cal.arm.statics import PoseStates
+from pa10cal.arrays import Array, Mask
 from pa10cal.discovery.noise import mean_covariance, same_circumstances
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.observations import Observations, average_groups
@@ -34,12 +34,16 @@ NO_SHARED_ERROR = SharedVariances(0.0, 0.0)
 def average_into_cells(readings: Observations, cov: Array, most: int) -> tuple[Observations, Array]:
     """Average readings into C cells: of one pose, load, direction of arrival and stretch of time.
 
-    A cell has at most `most` readings. What may distinguish effects is not averaged.
+    A cell has at most `most` readings, in which the same components were seen: so its mean joint
+    positions are those of all its components. What may distinguish effects is not averaged.
 
     Returns:
         The cells, and the covariances (C, b, b) of their means, from those (P, b, b) of readings.
     """
-    circumstances = same_circumstances(readings)
+    seen = readings.measured.components_seen
+    patterns, pattern = np.unique(seen, axis=0, return_inverse=True)
+    numbers = same_circumstances(readings) * len(patterns) + pattern.ravel()
+    circumstances = np.unique(numbers, return_inverse=True)[1]
     order = np.lexsort((readings.states.time_s, circumstances))
     sizes = np.bincount(circumstances)
     stretch = np.empty(len(order), dtype=np.intp)
@@ -47,7 +51,6 @@ def average_into_cells(readings: Observations, cov: Array, most: int) -> tuple[O
         stretches = -(-len(rows) // most)  # rounded up
         stretch[rows] = np.arange(len(rows)) * stretches // len(rows)
     _, cell = np.unique(circumstances * (stretch.max() + 1) + stretch, return_inverse=True)
-    seen = readings.measured.components_seen
     return average_groups(readings, cell), mean_covariance(cov, seen, cell)
 
 
@@ -55,90 +58,121 @@ def average_into_cells(readings: Observations, cov: Array, most: int) -> tuple[O
 class SharedByCells:
     """Covariance of an error of unknown cause that the cells of a pose share.
 
-    The error of a pose may depend on load, direction of arrival and time. Whitened rows times
-    `rotation` have the diagonal covariance 1 + v * `variance`, with v the variance of the shared
-    error in units of that of one reading.
+    It concerns the R = C b rows of C cells with b components each, a cell's rows side by side,
+    whitened by the noise of the cells. Multiplied by `rotation`, they have the diagonal covariance
+    1 + v * `variance`, with v the variance of the shared error in units of that of one reading.
     """
 
-    rotation: Array  # (C, C) orthogonal, block by block of the cells of a pose
-    variance: Array  # (C,) variance of each rotated row for v = 1
+    rotation: csr_array  # (R, R) orthogonal; mixes the cells of a pose, each component by itself
+    variance: Array  # (R,) variance of each rotated row for v = 1; 0 of components not seen
 
 
-def shared_error(cells: Observations) -> SharedByCells:
-    """Return the covariance of the shared errors of C cells, each whitened by its own noise."""
-    count, states = len(cells), cells.states
-    rotation, variance = np.zeros((count, count)), np.zeros(count)
+def shared_error(cells: Observations, seen: Mask) -> SharedByCells:
+    """Return the covariance of the errors that the cells of a pose share.
+
+    A cell in which a component was not seen says nothing about the error of that component.
+
+    Args:
+        cells: C cells.
+        seen: (C, b) which components each cell has.
+    """
+    row = np.arange(seen.size).reshape(seen.shape)
+    variance = np.zeros(seen.size)
+    entries = []  # of the rotation: rows, columns and values
     for pose in np.unique(cells.pose):
-        rows = np.flatnonzero(cells.pose == pose)
-        # An error of the pose may depend on load, time and direction, each with unit amplitude. The
-        # direction is one number a cell: that along the first principal component of the arrivals.
-        arrival = states.arrival[rows] - states.arrival[rows].mean(axis=0)
-        direction = arrival @ np.linalg.svd(arrival, full_matrices=False)[2][0]
-        columns = [np.ones(len(rows))]
-        for values in (states.load_N[rows], states.time_s[rows], direction):
-            centred = values - values.mean()
-            largest = float(np.abs(centred).max())
-            if largest > 0:
-                columns.append(centred / largest)
-        # Whitening by the covariance of a mean of k readings makes a shared error sqrt(k) larger.
-        shapes = np.column_stack(columns) * np.sqrt(cells.readings[rows])[:, None]
-        values, vectors = np.linalg.eigh(shapes @ shapes.T)
-        rotation[np.ix_(rows, rows)] = vectors.T
-        variance[rows] = np.maximum(values, 0.0)
+        here = np.flatnonzero(cells.pose == pose)
+        # The noise of a mean of k readings is sqrt(k) smaller than that of one, so that in its unit
+        # a shared error is sqrt(k) larger.
+        sizes = _amplitudes(cells.states.take(here)) * np.sqrt(cells.readings[here])[:, None]
+        # Components that the same cells have, mostly all of them, are rotated alike.
+        patterns, pattern = np.unique(seen[here], axis=1, return_inverse=True)
+        for number, had in enumerate(patterns.T):
+            of_pattern = row[here][:, pattern.ravel() == number]
+            with_it, without = of_pattern[had], of_pattern[~had].ravel()
+            eigenvalues, vectors = np.linalg.eigh(sizes[had] @ sizes[had].T)
+            variance[with_it] = np.maximum(eigenvalues, 0.0)[:, None]
+            entries += [
+                np.broadcast_arrays(with_it[:, None], with_it[None], vectors.T[:, :, None]),
+                (without, without, np.ones(len(without))),
+            ]
+    rows, columns, values = (
+        np.concatenate([part.ravel() for part in parts]) for parts in zip(*entries, strict=True)
+    )
+    rotation = csr_array((values, (rows, columns)), shape=(seen.size, seen.size))
     return SharedByCells(rotation, variance)
+
+
+def _amplitudes(states: PoseStates) -> Array:
+    """Return how the error of a pose may differ between its cells, (c, a), each column up to 1.
+
+    It may be constant, or depend on load, time and direction of arrival. The direction is one
+    number a cell: that along the first principal component of the arrivals.
+    """
+    arrival = states.arrival - states.arrival.mean(axis=0)
+    direction = arrival @ np.linalg.svd(arrival, full_matrices=False)[2][0]
+    columns = [np.ones(len(arrival))]
+    for state in (states.load_N, states.time_s, direction):
+        centred = state - state.mean()
+        largest = float(np.abs(centred).max())
+        if largest > 0:
+            columns.append(centred / largest)
+    return np.column_stack(columns)
 
 
 @dataclass(frozen=True)
 class NoiseModel:
-    """Covariance of the rows of one channel, poses or torques: C cells with b components each."""
+    """Covariance of the rows of one channel, poses or torques: C cells with b components each.
+
+    Its R = C b rows are those of `SharedByCells`.
+    """
 
     whitener: Array  # (C, b, b) makes the noise of each cell's mean independent, of unit variance
     shared: SharedByCells  # errors that the cells of a pose share
-    common: Array  # (R, c) derivative of the R = C b rows by errors common to all poses, in sizes
+    # (R, c) noise-whitened rows of one standard uncertainty of each error common to all poses
+    common: Array
     _whitenings: dict[float, Whitening] = field(default_factory=dict, repr=False, compare=False)
 
     @classmethod
     def of(cls, whitener: Array, shared: SharedByCells, common: Array) -> NoiseModel:
         """Return the model, with common errors (C, b, c) of one standard uncertainty each."""
-        bare = cls(whitener, shared, np.zeros((whitener.shape[0] * whitener.shape[1], 0)))
-        return cls(whitener, shared, bare.rows(common))
+        return cls(whitener, shared, _noise_whitened(whitener, shared, common))
 
-    @property
-    def shared_size(self) -> Array:
-        """Return the variance of each row (R,) for a shared error of the variance of a reading."""
-        return np.repeat(self.shared.variance, self.whitener.shape[1])
+    def noise_whitened(self, values: Array) -> Array:
+        """Return rows (R, k) of values (C, b, k), whitened by the noise of readings and rotated.
 
-    def rows(self, values: Array) -> Array:
-        """Return whitened and rotated rows (R, k) of values (C, b, k)."""
-        white = self.whitener @ values
-        count, b, k = white.shape
-        rotated: Array = self._rotation @ white.reshape(count, b * k)
-        return rotated.reshape(count * b, k)
+        They still have the errors that cells of a pose share, and those common to all poses.
+        """
+        return _noise_whitened(self.whitener, self.shared, values)
 
     def whitened(self, values: Array, variance: float) -> Array:
         """Return rows (R, k) of values (C, b, k) whose errors have unit covariance."""
-        return self.whitening(variance)(self.rows(values))
+        return self.whitening(variance)(self.noise_whitened(values))
 
     def common_amounts(self, rows: Array, variance: float) -> Array:
-        """Return the most likely amounts (c, k) of the common errors in rows (R, k).
+        """Return the most likely amounts (c, k) of the common errors in noise-whitened rows (R, k).
 
-        With the variance of the shared error, they do not take up what the model lacks.
+        Their prior is standard normal. Rows weigh less by the variance of the shared error, so that
+        the common errors are not bent to explain what the model lacks.
         """
-        weight = 1.0 / (1.0 + variance * self.shared_size)[:, None]
+        weight = 1.0 / (1.0 + variance * self.shared.variance)[:, None]
         equations = Gaussian.of_products(self.common.T @ (weight * self.common))
         return equations.taken_of(self.common.T @ (weight * rows))
 
-    @cached_property
-    def _rotation(self) -> csr_array:
-        """Return the rotation as a sparse matrix: few cells belong to one pose."""
-        return csr_array(self.shared.rotation)
-
     def whitening(self, variance: float) -> Whitening:
-        """Return the whitening for a variance of the shared error, in units of a reading's."""
+        """Return what whitens noise-whitened rows, for a variance of the shared error.
+
+        The variance is in units of that of a reading.
+        """
         if variance not in self._whitenings:
-            scale = 1.0 / np.sqrt(1.0 + variance * self.shared_size)
+            scale = 1.0 / np.sqrt(1.0 + variance * self.shared.variance)
             self._whitenings[variance] = Whitening.of(scale, self.common)
         return self._whitenings[variance]
+
+
+def _noise_whitened(whitener: Array, shared: SharedByCells, values: Array) -> Array:
+    count, b, k = values.shape
+    rotated: Array = shared.rotation @ (whitener @ values).reshape(count * b, k)
+    return rotated
 
 
 @dataclass(frozen=True)
@@ -156,8 +190,8 @@ class Whitening:
     @classmethod
     def of(cls, scale: Array, common: Array) -> Whitening:
         """Return the whitening for factors of rows (R,) and common errors of unit size (R, c)."""
-        directions, sizes, _ = np.linalg.svd(scale[:, None] * common, full_matrices=False)
-        return cls(scale, directions, 1.0 - 1.0 / np.sqrt(1.0 + sizes**2))
+        directions, std, _ = np.linalg.svd(scale[:, None] * common, full_matrices=False)
+        return cls(scale, directions, 1.0 - 1.0 / np.sqrt(1.0 + std**2))
 
     def __call__(self, rows: Array) -> Array:
         """Return whitened rows (R, k)."""

@@ -137,7 +137,9 @@ def pose_noise_model(
     common = setup.apparatus_m * cells.measured.by_stated_targets
     if in_time.wander is not None:
         common = np.concatenate([common, in_time.wander.columns(about, cells)], axis=2)
-    return NoiseModel.of(whitener_of(cell_cov), shared_error(cells), common)
+    return NoiseModel.of(
+        whitener_of(cell_cov), shared_error(cells, cells.measured.components_seen), common
+    )
 
 
 def torque_noise_model(
@@ -165,7 +167,8 @@ def torque_noise_model(
     common = _common_torques(cells, weights, about, setup.payload, setup.options, loads_N)
     per_Nm = np.sqrt(cells.readings)[:, None] / torque_u_Nm
     whitener = per_Nm[:, :, None] * np.eye(cells.states.n)
-    return NoiseModel.of(whitener, shared_error(cells), common)
+    logged = np.ones(cells.states.tau_Nm.shape, dtype=bool)
+    return NoiseModel.of(whitener, shared_error(cells, logged), common)
 
 
 def _common_torques(
