@@ -1,9 +1,9 @@
 """The study of coverage: whether 95 % intervals contain the truth of 95 % of simulated campaigns.
 
 The paper's robot, touched, is calibrated with the paper's model. Each other case is an arm under an
-instrument, calibrated with the general model, for two kinds of robots: those that deviate only by
-parameters of the model show coverage of parameters and of predictions; those that deviate in any
-way have no true parameters, and show that of predictions only. The truth is used after estimation
+instrument, calibrated with the general model, for two kinds of robots: those that depart only by
+parameters of the model show coverage of parameters and of predictions; those that depart in any way
+have no true parameters, and show that of predictions only. The truth is used after estimation
 only.
 """
 
@@ -13,16 +13,21 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Annotated, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import JsonValue
-from scipy.special import ndtri, stdtrit
+from scipy.special import betaincinv, ndtri, stdtrit
 
+from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array
-from pa10cal.calibration.general.calibrate import calibrate_general, find_start
+from pa10cal.calibration.general.calibrate import (
+    GeneralCalibration,
+    calibrate_general,
+    find_start,
+)
 from pa10cal.calibration.general.unknowns import ChosenUnknowns, choose_unknowns
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.calibration.paper import parameter_records
 from pa10cal.calibration.two_level_fit import calibrate
+from pa10cal.errors import CalibrationError
 from pa10cal.files.arms import load_arm
 from pa10cal.files.table_cells import csv_text
 from pa10cal.observe.kinds import instruments
@@ -58,9 +63,13 @@ _PREDICTED_POSES = 40
 #: Standard deviation of a target about its design [m], and of its orientation [rad]; neither is
 #: stated to the calibration.
 _TARGET_M, _TARGET_RAD = 0.05, 1.0
-#: Numbers of random streams: robots that deviate by parameters of the model, those that deviate in
-#: any way, and poses to predict.
-_OWN, _ANY, _OTHER_POSES = 1, 2, 3
+#: Random streams of a campaign's seed: of robots that depart by parameters of the model, and of
+#: those that depart in any way.
+_BY_PARAMETERS, _IN_ANY_WAY = 1, 2
+#: Added to the seed of a campaign for that of the poses to predict.
+_OTHER_POSES = 3 * 10**6
+#: Difference of the shares of campaigns below which these count as equal.
+_EQUAL_SHARES = 1e-9
 
 
 # The record of the study.
@@ -77,6 +86,7 @@ class Coverage(ParameterCoverage):
     """How often intervals hold the truth."""
 
     inside_interval95: tuple[float, float]  # 95 % interval of the share
+    counted: int  # campaigns that count: those in which something had an interval
 
 
 class PaperCoverage(Coverage):
@@ -94,7 +104,7 @@ class ClassCoverage(Coverage):
     by_parameter: Mapping[record.ParameterKey, ParameterCoverage]  # by parameter
 
 
-class FreeDeparture(record.Part):
+class DepartureInAnyWay(record.Part):
     """Arms that depart in any way, which have no true parameters."""
 
     campaigns: int  # campaigns simulated
@@ -112,12 +122,12 @@ class CoverageCase(record.Part):
     flexible_joints: tuple[int, ...]  # joints with a spring, from 1
     campaigns: int  # campaigns simulated
     converged: float  # share of fits that converged
-    unknowns: int  # parameters fitted
+    unknowns: int  # parameters fitted; where campaigns differ, the most
     # parameters not fitted, and those that replace them
     redundant: Mapping[record.ParameterKey, Mapping[record.ParameterKey, float]]
     parameters: ClassCoverage  # of parameters
     predictions: Coverage  # of predicted positions
-    departing_in_any_way: FreeDeparture  # arms that depart in any way
+    departing_in_any_way: DepartureInAnyWay  # arms that depart in any way
 
 
 @record.filed("pa10cal-coverage/2", "coverage.json", by="coverage")
@@ -136,20 +146,51 @@ class CoverageRecord(record.Record):
 def coverage(scores: Array) -> Coverage:
     """Return the share of scores (campaigns, parameters) inside their intervals.
 
-    A parameter without an interval in some campaign has nan there. The confidence interval of the
-    share treats campaigns as independent, but not the parameters of one campaign.
+    A parameter without an interval in some campaign has nan there. Campaigns in which nothing has
+    one do not count.
+
+    Raises:
+        CalibrationError: when nothing has an interval in any campaign.
     """
-    shares = np.nanmean(_inside(scores), axis=1)
-    count = len(shares)
-    half = (
-        float(stdtrit(count - 1, 0.975) * shares.std(ddof=1) / np.sqrt(count)) if count > 1 else 1.0
-    )
-    inside = float(shares.mean())
+    scores = scores[np.isfinite(scores).any(axis=1)]
+    if not len(scores):
+        raise CalibrationError(
+            "nothing has an interval in any campaign",
+            where="coverage",
+            allowed="cases whose poses determine some parameter",
+            remedy="simulate more poses, or less noise",
+        )
+    share_of_campaign = np.nanmean(_inside(scores), axis=1)
     return Coverage(
-        inside=inside,
-        inside_interval95=(max(0.0, inside - half), min(1.0, inside + half)),
+        inside=float(share_of_campaign.mean()),
+        inside_interval95=_interval95(share_of_campaign, int(np.isfinite(scores).sum())),
+        counted=len(scores),
         rms=float(np.sqrt(np.nanmean(scores**2))),
     )
+
+
+def _interval95(share_of_campaign: Array, outcomes: int) -> tuple[float, float]:
+    """Return the 95 % interval of a share by those of independent campaigns.
+
+    It is that of Clopper and Pearson for an effective number of trials, as many as would scatter
+    like the campaigns. The outcomes of a campaign depend on each other.
+
+    Source:
+        E. L. Korn and B. I. Graubard, Survey Methodology 24 (1998) 193-201.
+    """
+    campaigns, share = len(share_of_campaign), float(share_of_campaign.mean())
+    if campaigns == 1:
+        return 0.0, 1.0
+    trials = float(campaigns)  # where campaigns are alike by chance, they say nothing of that
+    if np.ptp(share_of_campaign) > _EQUAL_SHARES:
+        of_one = share * (1.0 - share) / float(share_of_campaign.var(ddof=1))
+        trials = min(campaigns * of_one, float(outcomes))
+    upper = 0.5 + LEVEL / 2.0
+    trials *= float(ndtri(upper) / stdtrit(campaigns - 1, upper)) ** 2
+    inside, outside = share * trials, (1.0 - share) * trials
+    low = float(betaincinv(inside, outside + 1.0, 1.0 - upper)) if share > 0.0 else 0.0
+    high = float(betaincinv(inside + 1.0, outside, upper)) if share < 1.0 else 1.0
+    return low, high
 
 
 def coverage_by_parameter(names: Sequence[str], scores: Array) -> dict[str, ParameterCoverage]:
@@ -176,21 +217,22 @@ def coverage_study(
         say: called with one line for each case that is finished.
 
     Raises:
-        ArmError: for an arm that is not known.
+        Pa10calError: for a case whose arm is not known or that cannot be simulated or calibrated,
+            before all others are; or when nothing has an interval.
     """
-    for case_options in options.cases:  # an unknown arm is refused before any work
-        load_arm(case_options.robot)
+    prepared = [_prepare(case, options, calibration) for case in options.cases]
     paper = _papers_model(options, calibration)
     say(_line(_PAPERS, {"parameters": paper}))
     cases = []
-    for case_options in options.cases:
-        case = _general_model(case_options, options, calibration)
+    for each in prepared:
+        case = _general_model(each, options)
         shares = {"parameters": case.parameters, "predictions": case.predictions}
         say(_line(case.case, shares | {"of any arm": case.departing_in_any_way.predictions}))
         cases.append(case)
     return CoverageRecord(
         provenance=PROVENANCE,
-        settings=options.model_dump(mode="json"),
+        settings=options.model_dump(mode="json")
+        | {"calibration": calibration.model_dump(mode="json")},
         paper=paper,
         cases=tuple(cases),
     )
@@ -200,12 +242,12 @@ def coverage_table(study: CoverageRecord) -> str:
     """Return a summary as CSV: one line for each class of parameters of a case."""
     shares: list[tuple[str, str, Coverage]] = [(_PAPERS, "all parameters", study.paper)]
     for case in study.cases:
-        free = case.departing_in_any_way.predictions
+        in_any_way = case.departing_in_any_way.predictions
         shares += [
             (case.case, "all parameters", case.parameters),
             *((case.case, kind, share) for kind, share in case.parameters.by_class.items()),
             (case.case, "predictions", case.predictions),
-            (case.case, "predictions, arm departing in any way", free),
+            (case.case, "predictions, arm departing in any way", in_any_way),
         ]
     rows = [
         (title, of, *(f"{100 * x:.1f}" for x in (s.inside, *s.inside_interval95)), f"{s.rms:.3f}")
@@ -224,8 +266,7 @@ def _papers_model(options: CoverageOptions, calibration: CalibrationOptions) -> 
     """Score every identifiable parameter of the paper's robot, campaign by campaign."""
     seeds = range(options.random_seed, options.random_seed + options.campaigns)
     scores = [_touched_scores(seed, calibration) for seed in seeds]
-    names = [name for name in scores[0] if all(name in row for row in scores)]
-    table = np.array([[row[name] for name in names] for row in scores])
+    names, table = _table(scores)
     return PaperCoverage(
         campaigns=len(scores),
         parameters=coverage_by_parameter(names, table),
@@ -249,81 +290,108 @@ def _touched_scores(seed: int, options: CalibrationOptions) -> dict[str, float]:
     return reported_scores(parameter_records(found), truth_record(made).parameters)
 
 
-class _Scores(NamedTuple):
-    """Scores of the campaigns of one case."""
-
-    unknowns: ChosenUnknowns  # parameters that were estimated or left out
-    names: tuple[str, ...]  # names of all k parameters that were scored
-    parameters: Array  # (C, k) scores, nan where one had no interval
-    predictions: Array  # (C, m) scores
-    converged: NDArray[np.bool_]  # (C,) whether the fit converged
-
-
-def _general_model(
-    case: CoverageCaseOptions, options: CoverageOptions, calibration: CalibrationOptions
-) -> CoverageCase:
-    """Return the coverage of one case of the general model."""
-    targets = f"{case.targets} target{'s' if case.targets > 1 else ''}"
-    several = instruments()[case.instrument].several_targets
-    title = f"{case.robot}, {targets if several else case.instrument}"
-    own, free = (_scores(case, options, calibration, any_way) for any_way in (False, True))
-    classes = [class_of(name) for name in own.names]
-    return CoverageCase(
-        case=title + (", springs" if case.flexible_joints else ""),
-        **case.model_dump(mode="json"),
-        campaigns=len(own.converged),
-        converged=float(own.converged.mean()),
-        unknowns=len(own.names),
-        redundant={each.name: each.replaced_by for each in own.unknowns.redundant},
-        parameters=ClassCoverage(
-            **dict(coverage(own.parameters)),
-            by_class={
-                kind: coverage(own.parameters[:, [each == kind for each in classes]])
-                for kind in sorted(set(classes))
-            },
-            by_parameter=coverage_by_parameter(own.names, own.parameters),
-        ),
-        predictions=coverage(own.predictions),
-        departing_in_any_way=FreeDeparture(
-            campaigns=len(free.converged),
-            converged=float(free.converged.mean()),
-            predictions=coverage(free.predictions),
-        ),
-    )
-
-
-def _scores(
-    case: CoverageCaseOptions,
-    options: CoverageOptions,
-    calibration: CalibrationOptions,
-    any_way: bool,
-) -> _Scores:
-    """Simulate and calibrate the campaigns of a case; score parameters and predictions."""
-    arm, plan = load_arm(case.robot), _plan(case, options)
-    calibration = calibration.with_springs(case.flexible_joints)
-    # What arm and instrument can identify is the same in every campaign.
-    any_robot = draw_individual(arm, plan, np.random.default_rng(options.random_seed))
-    seen, start = _seen(any_robot, plan, options.random_seed)
-    unknowns = choose_unknowns(arm, calibration.tolerances, seen.measured, start)
-    by_name: list[dict[str, float]] = []
-    predictions, converged = [], []
-    for seed in range(options.random_seed, options.random_seed + options.general_campaigns):
-        rng = np.random.default_rng([seed, _ANY if any_way else _OWN])
-        if any_way:
-            robot = draw_individual(arm, plan, rng)
-        else:
-            robot = draw_by_unknowns(arm, plan, unknowns, rng)
-        payload = payload_of_individual(robot)
-        found = calibrate_general(arm, *_seen(robot, plan, seed), payload, calibration)
-        by_name.append(parameter_scores(found, robot))
-        others = exact_observations(robot, plan, _PREDICTED_POSES, seed + _OTHER_POSES * 10**6)
-        predictions.append(prediction_scores(found, others))
-        converged.append(found.fit.converged)
+def _table(by_name: Sequence[Mapping[str, float]]) -> tuple[tuple[str, ...], Array]:
+    """Return the names that are scored in some campaign, and scores (C, k), nan where not."""
     names = tuple(dict.fromkeys(name for scores in by_name for name in scores))
     scores = [[each.get(name, np.nan) for name in names] for each in by_name]
-    return _Scores(
-        unknowns, names, np.array(scores), np.array(predictions), np.array(converged, dtype=bool)
+    return names, np.array(scores, dtype=float).reshape(len(by_name), len(names))
+
+
+class _Prepared(NamedTuple):
+    """A case that can be simulated and calibrated."""
+
+    options: CoverageCaseOptions
+    arm: Arm
+    plan: TrackerOptions
+    calibration: CalibrationOptions
+    unknowns: ChosenUnknowns  # what arm and instrument can identify, the same in every campaign
+
+
+def _prepare(
+    case: CoverageCaseOptions, options: CoverageOptions, calibration: CalibrationOptions
+) -> _Prepared:
+    """Return a case, after one campaign of it was simulated and calibrated.
+
+    Raises:
+        Pa10calError: when it cannot be.
+    """
+    arm, plan = load_arm(case.robot), _plan(case, options)
+    calibration = calibration.with_springs(case.flexible_joints)
+    robot = draw_individual(arm, plan, np.random.default_rng(options.random_seed))
+    seen, start = _seen(robot, plan, options.random_seed)
+    unknowns = choose_unknowns(arm, calibration.tolerances, seen.measured, start)
+    calibrate_general(arm, seen, start, payload_of_individual(robot), calibration)
+    return _Prepared(case, arm, plan, calibration, unknowns)
+
+
+class _Campaign(NamedTuple):
+    """One campaign of a case, calibrated."""
+
+    found: GeneralCalibration
+    robot: Robot
+    predictions: Array  # (m,) scores of predicted components
+
+
+def _campaigns(case: _Prepared, options: CoverageOptions, *, in_any_way: bool) -> list[_Campaign]:
+    """Simulate and calibrate the campaigns of a case, and score their predictions.
+
+    Args:
+        in_any_way: whether robots depart in any way, or by parameters of the model only.
+    """
+    arm, plan = case.arm, case.plan
+    campaigns = []
+    for seed in range(options.random_seed, options.random_seed + options.general_campaigns):
+        rng = np.random.default_rng([seed, _IN_ANY_WAY if in_any_way else _BY_PARAMETERS])
+        if in_any_way:
+            robot = draw_individual(arm, plan, rng)
+        else:
+            robot = draw_by_unknowns(arm, plan, case.unknowns, rng)
+        payload = payload_of_individual(robot)
+        found = calibrate_general(arm, *_seen(robot, plan, seed), payload, case.calibration)
+        others = exact_observations(robot, plan, _PREDICTED_POSES, seed + _OTHER_POSES)
+        campaigns.append(_Campaign(found, robot, prediction_scores(found, others)))
+    return campaigns
+
+
+def _general_model(case: _Prepared, options: CoverageOptions) -> CoverageCase:
+    """Return the coverage of one case of the general model."""
+    targets = f"{case.options.targets} target{'s' if case.options.targets > 1 else ''}"
+    several = instruments()[case.options.instrument].several_targets
+    title = f"{case.options.robot}, {targets if several else case.options.instrument}"
+    by_parameters = _campaigns(case, options, in_any_way=False)
+    in_any_way = _campaigns(case, options, in_any_way=True)
+    names, scores = _table([parameter_scores(each.found, each.robot) for each in by_parameters])
+    classes = [class_of(name) for name in names]
+    return CoverageCase(
+        case=title + (", springs" if case.options.flexible_joints else ""),
+        **case.options.model_dump(mode="json"),
+        campaigns=len(by_parameters),
+        converged=_converged(by_parameters),
+        unknowns=max(len(each.found.problem.parameters) for each in by_parameters),
+        redundant={each.name: each.replaced_by for each in case.unknowns.redundant},
+        parameters=ClassCoverage(
+            **dict(coverage(scores)),
+            by_class={
+                kind: coverage(scores[:, [each == kind for each in classes]])
+                for kind in sorted(set(classes))
+            },
+            by_parameter=coverage_by_parameter(names, scores),
+        ),
+        predictions=_of_predictions(by_parameters),
+        departing_in_any_way=DepartureInAnyWay(
+            campaigns=len(in_any_way),
+            converged=_converged(in_any_way),
+            predictions=_of_predictions(in_any_way),
+        ),
     )
+
+
+def _converged(campaigns: Sequence[_Campaign]) -> float:
+    return float(np.mean([each.found.fit.converged for each in campaigns]))
+
+
+def _of_predictions(campaigns: Sequence[_Campaign]) -> Coverage:
+    return coverage(np.array([each.predictions for each in campaigns]))
 
 
 def _seen(robot: Robot, plan: TrackerOptions, seed: int) -> tuple[Observations, Start]:

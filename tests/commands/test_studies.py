@@ -344,11 +344,39 @@ def test_a_few_campaigns_are_covered(tmp_path):
     assert rows[1]["inside_percent"] == f"{100 * scara['parameters']['inside']:.1f}"
 
 
-def test_an_unknown_robot_is_refused(tmp_path, capsys):
-    settings = json.dumps({"campaigns": 1, "cases": [{"robot": "scara", "instrument": "pose"}]})
+@pytest.mark.parametrize(
+    ("case", "message"),
+    [
+        ({"robot": "scara", "instrument": "pose"}, "unknown robot"),
+        ({"robot": "ur10", "instrument": "pose", "flexible_joints": [9]}, "does not exist"),
+        ({"robot": "gx4_351s", "instrument": "pose", "flexible_joints": [2]}, "mass"),
+        ({"robot": "ur10", "instrument": "pose", "flexible_joints": [1]}, "unloaded"),
+    ],
+)
+def test_a_case_that_cannot_be_is_refused_before_any_work(tmp_path, capsys, case, message):
+    settings = json.dumps({"campaigns": 1, "general_campaigns": 1, "cases": [CASES[0], case]})
     calibration = json.dumps({"starts": 1})
     argv = ["--settings", settings, "--calibration", calibration]
     argv += ["--out", str(tmp_path / "c.json"), "--table", str(tmp_path / "c.csv")]
     assert run_command("coverage", argv) == 2
-    assert "unknown robot" in capsys.readouterr().err
+    said = capsys.readouterr()
+    assert message in said.err
+    assert "inside" not in said.out + said.err
     assert not list(tmp_path.iterdir())
+
+
+def test_a_class_without_an_interval_in_some_campaign_is_covered_by_the_others(tmp_path):
+    few = {"general_campaigns": 3, "campaigns": 1, "poses": 12}
+    noisy = {"position_mm": 2.0, "attitude_rad": 0.01}
+    case = {"robot": "ur10", "instrument": "pose", "flexible_joints": [5]}
+    settings = json.dumps({**few, **noisy, "cases": [case]})
+    out = tmp_path / "c.json"
+    argv = ["--settings", settings, "--calibration", json.dumps({"starts": 1})]
+    argv += ["--out", str(out), "--table", str(tmp_path / "c.csv")]
+    assert run_command("coverage", argv) == 0
+    found = json.loads(out.read_text())
+    assert found["settings"]["calibration"]["starts"] == 1
+    (case,) = found["cases"]
+    springs = case["parameters"]["by_class"]["springs"]
+
+    assert 0 < springs["counted"] < case["campaigns"] == 3

@@ -134,8 +134,13 @@ def test_a_trial_counts_against_the_bars_that_it_misses(name):
     assert set(scored([case]).per_trial[0].failings) == set(expected)
 
 
+def bars_of(kind, trials):
+    """Return the bars of the trials of one kind, which are a study of their own."""
+    return {bar.what: bar for bar in scored([each for each in trials if each.kind == kind]).bars}
+
+
 def test_bars_count_springs_and_trials():
-    found = {bar.what: bar for bar in scored(TRIALS).bars}
+    found = bars_of(UNSTATED, TRIALS)
     springs = found["springs that leave 1.5 times the noise: named or listed"]
     assert springs.trials == 14
     assert springs.trials - round(springs.reached * springs.trials) == 3
@@ -145,17 +150,18 @@ def test_bars_count_springs_and_trials():
     assert round(wrong.reached * wrong.trials) == 3
     nulls = found["no masses stated, nothing hidden: a name"]
     assert (nulls.trials, round(nulls.reached * nulls.trials)) == (3, 1)
-    motion = found["rows sorted: a motion told as a fact"]
+    assert not any(bar.met for bar in found.values() if bar.share)
+    motion = bars_of(SORTED, TRIALS)["rows sorted: a motion told as a fact"]
     assert (motion.trials, round(motion.reached * motion.trials)) == (7, 3)
     assert motion.limit == 0.0
-    assert not any(bar.met for bar in found.values() if bar.share)
     fine = [CASES[name][0] for name in ("named", "another effect", "nothing hidden", "sorted")]
     fine[1] = replace(fine[1], judgement=said(names=[TWO, RATIO]))
-    assert all(bar.met for bar in scored(fine).bars if bar.trials)
+    for kind in (UNSTATED, SORTED):
+        assert all(bar.met for bar in bars_of(kind, fine).values() if bar.trials)
 
 
 def test_scores_are_drawn_and_listed(tmp_path):
-    scores = scored(TRIALS)
+    scores = scored([each for each in TRIALS if each.kind == UNSTATED])
     by_id = {(each.kind, each.id): each for each in scores.subjects}
     springs = by_id[UNSTATED, "joint_compliance"]
     assert (springs.counts["above_noise"], springs.counts["told"]) == (14, 11)

@@ -9,10 +9,11 @@ from scipy.stats import binom
 import made_up_trials
 from drawn_examples import examples
 from made_up_trials import figures, hidden, named, scored
+from pa10cal.errors import RecordError
 from pa10cal.results.record import Name
 from pa10cal_lab import trial_names
+from pa10cal_lab.blind_trial import WILD
 from pa10cal_lab.cell.effects.vocabulary import nameless
-from pa10cal_lab.scores import power, share_of, true_parameters
 from pa10cal_lab.trial_names import (
     ELSEWHERE,
     FAILED,
@@ -26,6 +27,9 @@ from pa10cal_lab.trial_names import (
     is_right,
     outcome,
 )
+from pa10cal_lab.trial_power import power
+from pa10cal_lab.trial_quantities import share_of
+from pa10cal_lab.trial_tables import true_parameters
 
 WAVE = Name("transmission_error", "joint 2")
 DISK = Name("encoder_eccentricity", "joint 2")
@@ -593,3 +597,34 @@ def test_a_map_comes_true_where_an_error_by_angle_has_no_name():
     assert claims((THIRD,), named(MAP), "outside")["name"][0][1]
     assert not claims((DISK,), named(MAP))["name"][0][1]
     assert not claims((DISK,), named(WAVE, MAP))["alternative"][0][1]
+
+
+@pytest.mark.parametrize(
+    ("trials", "message"),
+    [
+        ([single(WAVE, verdict(), measured="laser")], "not those of one study"),
+        (
+            [single(WAVE, verdict()), trial("right", [], verdict(), measured=WILD)],
+            "not those of one study",
+        ),
+        ([trial("nonsense", [], verdict(), measured=WILD)], "not those of one study"),
+        ([trial("single", [], verdict())], "a trial of kind single hides nothing"),
+        ([single(hidden(WAVE, size=0.0), verdict())], "size of a hidden effect is not above 0"),
+        ([single(WAVE, verdict(noise_floor_mm=0.0))], "the noise of a trial is 0"),
+    ],
+)
+def test_trials_that_cannot_be_scored_are_refused(trials, message):
+    with pytest.raises(RecordError, match=message):
+        scored(trials)
+
+
+def test_trials_without_a_null_of_their_layout_are_told():
+    lacks = "held-out ratio after naming: not known, as no trial of the layout hides nothing"
+    one, other = (single(WAVE, verdict(named(WAVE)), layout=layout) for layout in ("grid", "wide"))
+    found = figures([one, other, trial("null", [], verdict(), layout="grid")])
+    assert (found[GAP].trials, found[lacks].count, found[lacks].trials) == (1, 1, 2)
+
+
+def test_only_numbers_are_parameters():
+    truth = hidden(WAVE, A=1, word="xyz", axis=(0.0, 1.0, 0.0), cubic=True, text=["a", "b", "c"])
+    assert true_parameters(truth) == {"A": 1.0, "axis_x": 0.0, "axis_y": 1.0, "axis_z": 0.0}

@@ -11,6 +11,7 @@ from pa10cal.calibration.general.case import fitted
 from pa10cal.calibration.general.problem import choose_unknowns
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.read import read_campaign
+from pa10cal.errors import CalibrationError
 from pa10cal.files.arms import load_arm
 from pa10cal_lab.cell.individual import draw_individual
 from pa10cal_lab.cell.options import TrackerOptions
@@ -179,3 +180,24 @@ def test_a_score_that_is_not_there_counts_neither_way():
     assert second.inside == pytest.approx(np.mean(np.abs(there) < 1.96))
     assert second.rms == pytest.approx(np.sqrt(np.mean(there**2)))
     assert np.isfinite([found.inside, *found.inside_interval95, found.rms]).all()
+
+
+def test_a_campaign_without_intervals_does_not_count():
+    scores = np.random.default_rng(2).standard_normal((60, 4))
+    scores[:5] = np.nan
+    assert coverage(scores) == coverage(scores[5:])
+    assert coverage(scores).counted == 55
+    with pytest.raises(CalibrationError, match="nothing has an interval in any campaign"):
+        coverage(scores[:5])
+
+
+def test_campaigns_that_are_alike_leave_the_share_uncertain():
+    scores = np.zeros((20, 7))
+    low, high = coverage(scores).inside_interval95
+    assert 0.8 < low < 0.87  # twenty of twenty: at least 0.83
+    assert high == 1.0
+    scores[:, 0] = 9.0
+    low, high = coverage(scores).inside_interval95
+    assert low < 0.7
+    assert 0.93 < high < 1.0
+    assert coverage(scores[:1]).inside_interval95 == (0.0, 1.0)
