@@ -229,6 +229,23 @@ def test_runs_to_the_end_and_then_only_what_a_change_touches(checkout):
 
 
 @pytest.mark.slow
+def test_what_was_removed_is_made_again(checkout):
+    code, text = checkout()
+    assert code == 0, text
+    results = checkout.place / "results/c1"
+    removed = [results / name for name in ("model/dh.csv", "discovery/suggested_poses.csv")]
+    for path in removed:
+        path.unlink()
+    jobs = planned(checkout("-n")[1])
+    assert jobs["export"] == jobs["discover"] == 1
+    assert "calibrate" not in jobs
+    code, text = checkout()
+    assert code == 0, text
+    assert all(path.is_file() for path in removed)
+    assert "Nothing to be done" in checkout("-n")[1]
+
+
+@pytest.mark.slow
 def test_settings_figures_and_the_robot_are_inputs_and_words_are_none(checkout):
     code, text = checkout()
     assert code == 0, text

@@ -20,6 +20,7 @@ import numpy as np
 import pytest
 from benchmarks.broken_fleet import BROKEN, broken_fleet
 
+from pa10cal.commands import runs
 from pa10cal.commands.command_line import INTERRUPTED, REFUSED, main, run_command
 from pa10cal.files.output import write_text, writing_into
 from pa10cal.fit.model_reading import load_model
@@ -219,6 +220,21 @@ def test_one_process_makes_what_the_single_stages_make(done, tmp_path):
     assert parts == {
         *("chain.json", "ingest", "seed", "calibration", "discovery", "evaluation", "model")
     }
+
+
+def test_where_a_load_case_was_removed_all_are_calibrated_again(done, tmp_path):
+    results, raw = tmp_path / "results", done / "raw/first"
+    shutil.copytree(done / "results/first", results)
+    whole = results / "calibration/combined.json"
+    runs._forget_incomplete(results, raw)
+    assert whole.is_file()
+    others = [path for path in whole.parent.glob("*.json") if path != whole]
+    others[0].unlink()
+    runs._forget_incomplete(results, raw)
+    assert not whole.exists()
+    runs._forget_incomplete(results, raw)
+    shutil.rmtree(results / "ingest")
+    runs._forget_incomplete(results, raw)
 
 
 def test_a_campaign_that_is_refused_leaves_nothing_that_looks_like_a_result(done, tmp_path, capsys):

@@ -41,6 +41,19 @@ def test_without_held_out_poses_or_harm_a_verdict_passes_as_it_is(mapped, nothin
     assert harmless(mapped.discovery) is mapped.discovery
 
 
+def test_without_held_out_poses_the_poses_fitted_must_come_out_no_worse(eccentric):
+    found = replace(eccentric.discovery, holdout=None)
+    before = found.train.found_before
+    worse = replace(before, distance_mm=1.08 * before.distance_mm)
+    after = harmless(replace(found, train=replace(found.train, found_after=worse)))
+    assert after.holds_nowhere
+    assert "the poses fitted come out worse" in after.falls_back.why
+    assert after.train.after.rms_mm == after.train.before.rms_mm
+    better = replace(before, distance_mm=0.9 * before.distance_mm)
+    good = replace(found, train=replace(found.train, found_after=better))
+    assert harmless(good) is good
+
+
 def test_a_map_that_harms_beyond_what_was_visited_is_left_out_there(mapped, tmp_path):
     found, rows = with_errors(mapped.discovery, 1.2, 30)
     after = harmless(found)

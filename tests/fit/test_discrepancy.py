@@ -8,10 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mended import write_simulated
+from pa10cal.fit.discrepancy import discrepancy_of
 from pa10cal.fit.model_reading import load_model, model_from_plain
 from pa10cal.fit.model_writing import model_to_plain, save_model
 from pa10cal.fit.validity import Discrepancy
 from pa10cal.interface import calibrate, read_campaign
+from pa10cal.observe.observations import average_repeats
 from pa10cal.terms.field import embedded
 from pa10cal_lab.cell.options import HiddenEffectOptions, SimulateOptions, TrackerOptions
 
@@ -115,3 +117,19 @@ def test_it_is_saved_with_the_model(tmp_path):
             model_from_plain(spoilt, where="model.yaml")
     old = model_from_plain({**plain, "discrepancy": None}, where="model.yaml").predict(q)
     np.testing.assert_array_equal(old.u_mm, old.u_parameters_mm)
+
+
+def test_a_model_that_is_off_where_it_was_fitted_promises_no_less(tmp_path):
+    campaign = simulated(tmp_path, (), poses=120)
+    model = calibrate(campaign)
+    poses = model.as_modelled(average_repeats(campaign.observations.of_kind("grid")))
+    x = model.x.copy()
+    x[[each.name == "delta_a_2" for each in model.model.parameters]] += 2e-4
+    off = replace(model, x=x)
+    found, found_off = (discrepancy_of(each, poses) for each in (model, off))
+    np.testing.assert_array_equal(found.error_mm, model.discrepancy.error_mm)
+    error_mm = off.deviations(poses).distance_mm
+    noise_mm = model.deviations(poses).distance_mm
+    beyond_mm = np.sqrt(np.mean(error_mm**2) - np.mean(noise_mm**2))
+    assert beyond_mm > 0.05
+    assert found_off.error_mm.min() > 0.8 * beyond_mm

@@ -3,8 +3,8 @@ rule campaigns:
     input:
         expand(rules.calibrate.output, campaign=EVERY),
         every(planes_of),
-        expand(rules.discover.output.verdict, campaign=EVERY),
-        expand(rules.export.output.model, campaign=EVERY),
+        expand(rules.discover.output, campaign=EVERY),
+        expand(rules.export.output, campaign=EVERY),
         expand(rules.evaluate.output, campaign=EVERY),
         rules.figures.input,
         expand(rules.page.output, campaign=EVERY),

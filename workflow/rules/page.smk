@@ -5,9 +5,10 @@ rule page:
         poses=result("ingest/poses.parquet"),
         base_frame=result("seed/base_frame.json"),
         calibration=result("calibration/combined.json"),
-        verdict=result("discovery/verdict.json"),
-        held_out=result("evaluation/holdout.json"),
-        model=result("model/model.yaml"),
+        # all of these stages, so that each that was removed is made again
+        discovered=list(WRITES["discover"].values()),
+        evaluated=list(WRITES["evaluate"].values()),
+        exported=list(WRITES["export"].values()),
         pictures=result("pictures.json"),
     output:
         result("report.html"),

@@ -43,9 +43,9 @@ def run(
     """Run a folder of raw files to its grade, verdict, model, report, figures and tables.
 
     Several folders of one robot are calibrated as one, a group, with the same results. Results that
-    are up to date are not computed again. On a terminal the stages are shown while they run. If a
-    stage refuses, the report names it, with the results before it; an earlier run's results of
-    later stages are removed.
+    are up to date are not computed again, those that were removed are. On a terminal the stages are
+    shown while they run. If a stage refuses, the report names it, with the results before it; an
+    earlier run's results of later stages are removed.
 
     Args:
         folders: raw files of a campaign, with campaign.yaml; of a group, one folder a campaign.
@@ -108,6 +108,7 @@ def run(
             workflow = replace(workflow, more=(*workflow.more, "--forceall"))
         with writing_into(out, "the results", "give another one with --out"):
             links = _link_raw_files(raw_dir, dict(zip(names, folders, strict=True)), arms)
+            _forget_incomplete(out / name, folders[0] if group is None else out / name / "ingest")
         try:
             running.run_workflow(workflow, display)
         except StageError as error:
@@ -230,6 +231,34 @@ def _link_raw_files(
     if arms is not None:
         (raw_dir / ARMS).symlink_to(arms.absolute(), target_is_directory=True)
     return links
+
+
+def _forget_incomplete(results: Path, described_in: Path) -> None:
+    """Remove the calibration of all loads where one of a load case is missing.
+
+    Which cases there are only the readings say, so that Snakemake knows of the one of all loads
+    alone: without it every case is calibrated again.
+    """
+    from pa10cal.stages.pipeline import CampaignFiles
+
+    files = CampaignFiles(results)
+    if not files.poses.is_file():
+        return
+    whole = [files.calibration(bare=bare) for bare in (False, True)]
+    if not any(path.is_file() for path in whole):
+        return
+    from pa10cal.calibration.load_case import load_cases
+    from pa10cal.stages.calibrate import GENERAL
+    from pa10cal.stages.inputs import read_measured
+
+    with suppress(Pa10calError):  # what cannot be read the stages make anew, or refuse
+        _, _, observations = read_measured(described_in, files.poses)
+        cases = list(load_cases(observations.of_kind("grid").states))
+        for path in filter(Path.is_file, whole):
+            of_paper = json.loads(path.read_text("utf-8")).get("model") == "paper"
+            names = [*cases, GENERAL] if of_paper else cases
+            if not all(path.with_name(f"{name}.json").is_file() for name in names):
+                path.unlink()
 
 
 def _with_real_paths(message: str, links: Mapping[Path, Path]) -> str:

@@ -47,7 +47,12 @@ def worse_than(held_out: PairedErrors | None, other: PairedErrors | None) -> boo
 
 
 def harmless(found: Verdict[S]) -> Verdict[S]:
-    """Return a verdict whose extended model predicts held-out poses no worse than before."""
+    """Return a verdict whose extended model predicts held-out poses no worse than before.
+
+    Where none are held out, the poses fitted must be fitted no worse.
+    """
+    if found.trusted_holdout is None:
+        return _fits_no_worse(found)
     visited = span_visited(found.prepared.readings.states.q_rad)
     found = _without_harmful(_without_contradicted(found, visited))
     found = _harmless_to_every_campaign(found)
@@ -55,6 +60,21 @@ def harmless(found: Verdict[S]) -> Verdict[S]:
     if falls_back is None:
         return found
     return replace(only_within(found, falls_back.within), falls_back=falls_back)
+
+
+def _fits_no_worse(found: Verdict[S]) -> Verdict[S]:
+    """Return a verdict whose extended model fits the poses no worse than the calibrated one.
+
+    A search that leaves an error without a name to a smooth function weighs readings by it: names
+    that are false then fit the poses worse than none. The calibrated model stays then.
+    """
+    harm = _harm(found.train, _every(found.train))
+    if harm is None:
+        return found
+    why = f"the poses fitted come out worse, and none are held out: {_before_after(harm)}; the"
+    why += " extended model is the calibrated one everywhere"
+    kept = FallBack(nothing_seen(found.baseline.arm.n), found.baseline, why)
+    return replace(only_within(found, kept.within), falls_back=kept)
 
 
 def limits(found: Verdict) -> FallBack | None:
