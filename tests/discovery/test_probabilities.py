@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from pa10cal.discovery import verdict
 from pa10cal.discovery.finding import Explanations, Finding, Rival
 from pa10cal.discovery.proof import UnknownCause
 from pa10cal.discovery.rules import PROBABILITIES
+from pa10cal.terms.effects.arrivals import AlongMove
 from pa10cal.terms.effects.generic import DirectionMap
 from pa10cal.terms.effects.joint import Backlash, GearRatioError
 from pa10cal.terms.effects.over_time import BaseDrift
@@ -222,3 +224,22 @@ def test_an_effect_that_is_larger_than_such_effects_are_is_in_doubt(monkeypatch,
     assert unknown[0] == unknown[1] == pytest.approx(PROBABILITIES.unknown)
     odds = [each / (1.0 - each) for each in unknown]
     assert np.divide(odds, odds[0]) == pytest.approx([1.0, 1.0, 8.0, 64.0])
+
+
+def test_of_touches_a_log_of_another_instant_may_be_a_machine_that_reads_by_the_side():
+    measured = SimpleNamespace(from_touches=True)
+    found = SimpleNamespace(
+        unexplained=(),
+        over_noise=False,
+        prepared=SimpleNamespace(readings=SimpleNamespace(measured=measured)),
+        scorer=SimpleNamespace(extended=SimpleNamespace(effects=())),
+    )
+    proof = SimpleNamespace(unknown_cause=None)
+    along = replace(finding(), effect=AlongMove("arm", (1, 2, 3)), proof=proof)
+    backlash = replace(finding(), proof=proof)
+    doubted = verdict.with_unknown_cause(found, along).probability
+    assert doubted == pytest.approx(1.0 - PROBABILITIES.machine_reverses)
+    assert doubted < PROBABILITIES.surely
+    assert verdict.with_unknown_cause(found, backlash).probability == pytest.approx(SURE)
+    measured.from_touches = False
+    assert verdict.with_unknown_cause(found, along).probability == pytest.approx(SURE)

@@ -260,6 +260,9 @@ class Probabilities:
     unknown: float = 0.01  # probability that no effect that was tried is present (trials)
     # the same where repeats judge and more than noise is left without a name (trials)
     unknown_beside: float = 0.17
+    # probability, of touches, that a log of another instant is a machine that reads by the side
+    # from which it comes: both follow the move to the pose, and no such error is tried (chosen)
+    machine_reverses: float = 0.25
     # plausible sizes of an effect from which on the odds of something else grow (size)
     usual_sizes: float = 2.0
     # power by which they grow: an encoder 2.4 mrad off its centre was a counterbalance (trials)

@@ -42,6 +42,7 @@ from pa10cal.results.calibration import EffectByCampaign
 from pa10cal.results.discovery import Explained, Separation, SuggestedPose, Unexplained
 from pa10cal.results.discovery import Verdict as Word
 from pa10cal.results.maps import JointWitness
+from pa10cal.terms.effects.arrivals import AlongMove
 from pa10cal.terms.effects.effect import CandidateContext, Effect
 from pa10cal.terms.effects.joint_error_map import is_error_map
 from pa10cal.terms.weights import is_fault
@@ -505,8 +506,9 @@ def with_likely_alternatives(found: Verdict) -> Verdict:
 def with_unknown_cause(found: Verdict, finding: F) -> F:
     """Return a finding with the probability that its cause is one that was not tried.
 
-    It is larger where more than noise remains without a name, and where the effect is larger than
-    such effects are: then another cause looks like it.
+    It is larger where more than noise remains without a name, where a machine that touches may read
+    by the side from which it comes, and where the effect is larger than such effects are: then
+    another cause looks like it.
     """
     if (by_errors := finding.proof.unknown_cause) is not None:
         unknown = by_errors.probability(found.noise_floor_mm)
@@ -514,6 +516,9 @@ def with_unknown_cause(found: Verdict, finding: F) -> F:
         unknown = PROBABILITIES.unknown_beside
     else:
         unknown = PROBABILITIES.unknown
+    touched = found.prepared.readings.measured.from_touches
+    if touched and isinstance(finding.effect, AlongMove):
+        unknown = max(unknown, PROBABILITIES.machine_reverses)
     size = _plausible_sizes(found, finding.effect) / PROBABILITIES.usual_sizes
     odds = max(1.0, size) ** PROBABILITIES.size_power * unknown
     return replace(finding, unknown_probability=odds / (1.0 - unknown + odds))
