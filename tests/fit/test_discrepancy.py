@@ -132,4 +132,5 @@ def test_a_model_that_is_off_where_it_was_fitted_promises_no_less(tmp_path):
     noise_mm = model.deviations(poses).distance_mm
     beyond_mm = np.sqrt(np.mean(error_mm**2) - np.mean(noise_mm**2))
     assert beyond_mm > 0.05
-    assert found_off.error_mm.min() > 0.8 * beyond_mm
+    # a part of it is one of base and targets, which predictions do not hold
+    assert found_off.error_mm.min() > 0.5 * beyond_mm

@@ -84,7 +84,8 @@ def discrepancy_of(
     # Poses held out are predicted by a new fit; the model itself may be further off than that even
     # where it was fitted, as one that was fitted beside an error without a name.
     expected_mm2 = max(float(np.average(errors_mm2, weights=weights)), 0.0)
-    mean_mm2 = mean_mm2 + max(rows.beyond_noise_mm2() - expected_mm2, 0.0)
+    own_mm2 = rows.beyond_noise_mm2(poses.measured.by_stated_targets)
+    mean_mm2 = mean_mm2 + max(own_mm2 - expected_mm2, 0.0)
     return Discrepancy(
         q=poses.states.q_rad[places],
         lever_m=lever_m,
@@ -384,9 +385,19 @@ class RowsAboutFit:
         noise_mm2 = float(np.average(half, weights=trust))
         return replace(self, noise_mm2=np.minimum(self.noise_mm2, noise_mm2))
 
-    def beyond_noise_mm2(self) -> float:
-        """Return the mean squared error of the model at the poses fitted, less that of noise."""
-        off_mm2 = np.sum(self.to_mm**2 * self.residual**2, axis=1) - self.noise_mm2
+    def beyond_noise_mm2(self, by_apparatus: Array) -> float:
+        """Return the mean squared error of the model at the poses fitted, less that of noise.
+
+        Base and targets, which are no part of the model, are fitted; so is an apparatus, by which
+        readings (P, b, a) depend on its stated coordinates.
+        """
+        not_own = self.columns[:, :, len(self.parameter_index) :]
+        columns = np.concatenate([not_own, self.weight[:, :, None] * by_apparatus], axis=2)
+        flat = columns.reshape(-1, columns.shape[2])
+        flat = flat / np.maximum(np.linalg.norm(flat, axis=0), _TINY)
+        fitted = flat @ np.linalg.lstsq(flat, self.residual.ravel(), rcond=None)[0]
+        error_mm = self.to_mm * (self.residual - fitted.reshape(self.residual.shape))
+        off_mm2 = np.sum(error_mm**2, axis=1) - self.noise_mm2
         return float(self.components_factor * np.average(off_mm2, weights=self.trust))
 
     def beyond_parameters_mm2(self, out: Index) -> Array:
