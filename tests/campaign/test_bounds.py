@@ -210,6 +210,13 @@ def test_a_key_out_of_bounds_is_refused(copy, key, value, message):
         read_campaign(folder)
 
 
+def test_without_gravity_a_note_tells_that_no_springs_are_fitted(copy):
+    folder = copy("points")
+    describe(folder, "gravity_m_s2", [0, 0, 0])
+    found = read_campaign(folder)
+    assert "no torques logged, gravity not stated: no springs are fitted" in found.notes
+
+
 def test_a_tool_in_grams_is_refused_without_masses_of_the_arm_too(copy):
     folder = copy("points")
     describe(folder, "tool.mass_kg", 1500)

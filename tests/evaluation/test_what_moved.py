@@ -15,6 +15,7 @@ from pa10cal.calibration.general.case import fitted
 from pa10cal.errors import ModelError
 from pa10cal.evaluation.parameter_differences import differences
 from pa10cal.evaluation.what_moved import drift, what_moved
+from pa10cal.figures import draw
 from pa10cal.figures.draw import write_drift
 from pa10cal.files.arms import load_arm
 from pa10cal.terms.effects.structure import LinkTorsion, ToolSag
@@ -284,6 +285,23 @@ def test_one_picture_shows_all(tmp_path):
     models = [campaign(1), campaign(2), shifted(campaign(3), delta_theta_3=1e-3)]
     write_drift(drift(models, NAMES), tmp_path, "drift", 80)
     assert {path.name for path in tmp_path.iterdir()} == {"drift.svg", "drift.pdf", "drift.png"}
+
+
+def test_numbers_at_the_axes_lie_in_the_picture_and_over_no_other_panel(tmp_path, monkeypatch):
+    drawn = []
+    monkeypatch.setattr(draw, "write_figure", lambda figure, *_: drawn.append(figure))
+    models = [campaign(1), campaign(2), shifted(campaign(3), delta_theta_3=1e-3, delta_a_5=1e-6)]
+    write_drift(drift(models, NAMES), tmp_path, "drift", 80)
+    (figure,) = drawn
+    figure.canvas.draw()
+    frames = [axes.get_window_extent() for axes in figure.axes]
+    for axes in figure.axes:
+        assert [label.get_text() for label in axes.get_xticklabels()] == ["1", "2", "3"]
+        for label in (*axes.get_xticklabels(), *axes.get_yticklabels(), axes.title):
+            box = label.get_window_extent()
+            assert box.x0 >= 0.0
+            others = (f for f in frames if f is not frames[figure.axes.index(axes)])
+            assert not any(box.overlaps(frame) for frame in others)
 
 
 @pytest.mark.parametrize(

@@ -51,6 +51,7 @@ from pa10cal.options import IngestOptions
 
 NO_TORQUES = "no torques logged, masses unknown: those of assumed weights are used"
 THOSE_OF_MASSES = "no torques logged: those of the described masses are used"
+NO_GRAVITY = "no torques logged, gravity not stated: no springs are fitted"
 
 
 def read_tracked(
@@ -98,7 +99,8 @@ def read_tracked(
     readings = _uncertain_as_joints(readings, Chain.of(arm))
     instrument_notes = description.instrument.type.raw_notes(columns, description.stated)
     notes = [*raw.notes, *notes_on_counts(counts_per_turn), *instrument_notes, *corrected.notes]
-    notes += [*notes_on_torques(readings.states, arm), *_notes_on_temperatures(readings.states)]
+    torques = notes_on_torques(readings.states, arm, gravity=any(description.gravity_m_s2))
+    notes += [*torques, *_notes_on_temperatures(readings.states)]
     warnings = [
         *screens.count_warnings(description.configurations, logged_count, raw.file),
         *screen.warnings,
@@ -276,9 +278,15 @@ def _as_readings(
     )
 
 
-def notes_on_torques(states: PoseStates, arm: Arm) -> list[str]:
-    """Return a note where the torques of readings are not those of a log."""
+def notes_on_torques(states: PoseStates, arm: Arm, *, gravity: bool = True) -> list[str]:
+    """Return a note where the torques of readings are not those of a log.
+
+    Args:
+        gravity: whether it is stated, so that torques can be calculated.
+    """
     logged = np.isfinite(states.tau_Nm)
+    if not logged.any() and not gravity:
+        return [NO_GRAVITY]
     if not logged.any():
         return [NO_TORQUES if arm.mass_kg is None else THOSE_OF_MASSES]
     followers = sorted({c.joint for c in arm.coupled if c.follows})

@@ -16,7 +16,7 @@ from pa10cal.reports.formatting import count, display_name, listed, mm, sentence
 from pa10cal.reports.pictures import poses_drawing
 from pa10cal.reports.results_bundle import ResultsBundle
 from pa10cal.results import discovery
-from pa10cal.results.calibration import PosesNeeded
+from pa10cal.results.calibration import GeneralCalibrationRecord, PosesNeeded
 
 #: Of more suggested poses only the first are shown; all are in the file.
 _MOST_POSES = 10
@@ -42,7 +42,9 @@ def missing(results: ResultsBundle) -> Iterator[PageBlock]:
             texts.append(f"Not identifiable from these poses: {listed(names)}.")
         if not case.health.repeats:
             texts.append("No pose is repeated often enough to estimate the scatter of readings.")
-        if not case.torques_logged:
+        if isinstance(case, GeneralCalibrationRecord) and case.torques_from == "none":
+            texts.append("Joint torques are not known, as without gravity: springs are not fitted.")
+        elif not case.torques_logged:
             weights = "described or assumed weights"
             texts.append(f"Joint torques were not logged: springs use those of {weights}.")
         pairs = [
