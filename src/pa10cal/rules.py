@@ -313,14 +313,15 @@ class Lists:
     times_as_many: float = 2.0
     rows: int = 10  # rows from which on joints that hardly move may be radians (statistics)
     wide_rad: float = 1.0  # as radians, such joints turn by so much at least [rad] (size)
-    # seeds further from their targets than this part of the reach contradict them (chosen)
-    far_share: float = 0.5
+    # seeds further from their targets than this part of the reach contradict them; the message says
+    # half of it (chosen)
+    far_of_reach: float = 0.5
     # seeds are those of a nominal program: the right reading brings them so much nearer, as medians
     # (chosen)
     nearer_share: float = 0.2
     # seeds may be radians where they are farther from their targets than this part of the reach
     # (chosen)
-    near_share: float = 0.05
+    near_of_reach: float = 0.05
     # quaternions may be in another order where seeds are turned from their targets by more [rad]
     # (chosen)
     alike_rad: float = float(np.radians(20.0))

@@ -59,7 +59,7 @@ def of_targets(model: Fitted, T: Array, seed: Array, frame: str) -> Iterator[str
 
     off_m, off_rad = distances(seed, T)
     as_radians = _read_as_radians(model, seed)
-    if as_radians is not None and np.median(off_m) > LISTS.near_share * reach_m:
+    if as_radians is not None and np.median(off_m) > LISTS.near_of_reach * reach_m:
         other_m = np.median(distances(as_radians, T)[0])
         if other_m < LISTS.nearer_share * np.median(off_m):
             yield (
@@ -68,9 +68,9 @@ def of_targets(model: Fitted, T: Array, seed: Array, frame: str) -> Iterator[str
                 f"and {1e3 * other_m:.0f} mm as radians; multiply them by 57.29578 if so"
             )
             return
-    far = off_m > LISTS.far_share * reach_m
+    far = off_m > LISTS.far_of_reach * reach_m
     if far.mean() > LISTS.most_share:
-        far_mm = 1e3 * LISTS.far_share * reach_m
+        far_mm = 1e3 * LISTS.far_of_reach * reach_m
         yield (
             f"{_columns(model)}: {far.sum()} of {len(far)} seeds contradict their targets: at "
             f"these joint positions the {frame} is more than half the reach "
