@@ -88,6 +88,8 @@ def _refusal(
     path, kind, value = _path_of(section, raw, first["loc"]), first["type"], first.get("input")
     if kind == "extra_forbidden":
         return _unknown_key(section, path, where)
+    if kind == "missing" and path and path[-1].isdigit():
+        return _too_few(section, path, findings, where)
     if kind == "missing":
         return _missing_key(section, path, where)
     if kind == "model_type" and value is None:
@@ -150,6 +152,26 @@ def _missing_key(section: type[BaseModel], path: tuple[str, ...], where: str) ->
         where=where,
         allowed=(field and field.description) or "a value",
         remedy=f"set {_key(path)}",
+    )
+
+
+def _too_few(
+    section: type[BaseModel], path: tuple[str, ...], findings: list[ErrorDetails], where: str
+) -> SettingsError:
+    """Say how many values a list should have whose last ones are missing, from `path` on."""
+    of_list = path[:-1]
+    count = 1 + max(
+        int(each["loc"][-1])
+        for each in findings
+        if each["type"] == "missing" and str(each["loc"][-1]).isdigit()
+    )
+    meaning = _meaning_of(section, of_list)
+    return SettingsError(
+        f"key {_key(of_list)} does not fit",
+        where=where,
+        value=f"{path[-1]} values",
+        allowed=f"{count} values: {meaning}" if meaning else f"{count} values",
+        remedy=f"give all {count}",
     )
 
 

@@ -66,7 +66,9 @@ def test_boxes_that_are_none_are_refused(tmp_path, capsys, boxes, words):
     ("more", "words"),
     [
         (["--workspace-mm", "0", "1"], "six numbers"),
-        (["--instrument-at-mm", "0", "1"], "instrument_at_mm"),
+        (["--instrument-at-mm", "0", "1"], "instrument_at_mm does not fit (got '2 values'); "),
+        (["--instrument-at-mm", "0"], "allowed: 3 values: where the instrument is"),
+        (["--out", "x.json"], "give x.csv"),
         (["--facing-deg", "30"], "instrument_at_mm"),
         (["--workspace-mm", "0", "0", "0", "500", "0", "500"], "a volume"),
         (["--uncertainty-mm", "-1"], "uncertainty_mm"),
@@ -79,6 +81,40 @@ def test_other_slips_are_refused(tmp_path, capsys, more, words):
     assert code == REFUSED
     assert words in capsys.readouterr().err
     assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("option", "given", "out"),
+    [
+        ("--options", "plan.json", "plan.csv"),  # plan.json is written beside plan.csv
+        ("--options", "opt.yaml", "opt.yaml"),
+        ("--keep-out", "plan.json", "plan.csv"),
+    ],
+)
+def test_no_input_is_replaced(tmp_path, capsys, option, given, out):
+    path = tmp_path / given
+    path.write_text("[]" if option == "--keep-out" else FEW)
+    before = path.read_bytes()
+    code, _ = command(tmp_path, option, str(path), "--out", str(tmp_path / out))
+    assert code == REFUSED
+    of = option[2:].replace("-", " ")
+    assert f"--out: the output would replace the file of {of} (got" in capsys.readouterr().err
+    assert path.read_bytes() == before
+
+
+def test_long_settings_are_no_path(tmp_path):
+    (tmp_path / "plan.csv").touch()
+    long = json.dumps(json.loads(FEW) | {"targets_mm": [[0.0, 0.0, 100.0]] * 40})
+    assert command(tmp_path, "--options", long)[0] == 0
+
+
+def test_options_of_their_own_complete_the_settings(tmp_path):
+    settings = json.dumps(json.loads(FEW) | {"facing_deg": 120, "uncertainty_mm": 0.2})
+    more = ["--options", settings, "--instrument-at-mm", "2500", "0", "1200"]
+    code, out = command(tmp_path, *more, "--uncertainty-mm", "0.1")
+    assert code == 0
+    options = read(PlanRecord, out.with_suffix(".json")).options
+    assert (options["facing_deg"], options["uncertainty_mm"]) == (120, 0.1)
 
 
 def test_where_an_instrument_of_distances_is_taken_to_be_is_said(tmp_path, capsys):

@@ -95,6 +95,9 @@ COMMANDS = {name: module for names in GROUPS.values() for name, module in names.
 #: Functions of commands whose name is a keyword of Python.
 _FUNCTIONS = {"import": "import_data"}
 
+#: Endings of the files that a command writes beside its output, under the same name.
+_BESIDE = {"plan": (".json",)}
+
 _USE = "usage: pa10cal COMMAND [options]\n       pa10cal COMMAND --help | pa10cal --version"
 _EXAMPLES = """\
 examples:
@@ -237,8 +240,8 @@ def run_command(name: str, argv: Sequence[str], command: Command | None = None) 
     given = vars(_parser(name, command, types).parse_args(argv))
     debug: bool = given.pop("debug")
     try:
+        _refuse_to_replace(name, given)
         values = {key: _parsed(types[key], value, key) for key, value in given.items()}
-        _refuse_to_replace(values)
         command(**values)
     except KeyboardInterrupt:
         print(f"pa10cal {name}: interrupted", file=sys.stderr)
@@ -270,23 +273,31 @@ def _message(error: Exception) -> tuple[str, int]:
     return f"{what}; run again with --debug and report it", FAULT
 
 
-def _refuse_to_replace(values: Mapping[str, Any]) -> None:
-    """Refuse an output that would replace a file that the command reads."""
-    out = values.get("out")
-    if not isinstance(out, Path) or not is_file(out):
+def _refuse_to_replace(command: str, given: Mapping[str, Any]) -> None:
+    """Refuse an output that would replace a file that the command reads.
+
+    Args:
+        command: its name.
+        given: its arguments as they were given: a section of the settings may be a path, too.
+    """
+    out = given.get("out")
+    if not isinstance(out, Path):
         return
-    for name, value in values.items():
-        paths = value if isinstance(value, tuple) else (value,)
+    outputs = [out, *(out.with_suffix(ending) for ending in _BESIDE.get(command, ()) if out.name)]
+    outputs = [path for path in outputs if is_file(path)]
+    for name, value in given.items() if outputs else ():
+        paths = value if isinstance(value, list | tuple) else (value,)
         inputs = [Path(path) for path in paths if isinstance(path, str | Path)]
         inputs = [path for path in _with_files_of_models(inputs) if is_file(path)]
-        if name != "out" and any(map(out.samefile, inputs)):
-            raise OutputError(
-                f"the output would replace the file of {name.replace('_', ' ')}",
-                where="--out",
-                value=str(out),
-                allowed="a path of its own",
-                remedy="give another one",
-            )
+        for output in outputs:
+            if name != "out" and any(map(output.samefile, inputs)):
+                raise OutputError(
+                    f"the output would replace the file of {name.replace('_', ' ')}",
+                    where="--out",
+                    value=str(output),
+                    allowed="a path of its own",
+                    remedy="give another one",
+                )
 
 
 def _with_files_of_models(inputs: Sequence[Path]) -> list[Path]:
@@ -294,8 +305,15 @@ def _with_files_of_models(inputs: Sequence[Path]) -> list[Path]:
     from pa10cal.fit.covariance_file import covariance_path  # late: with numpy
     from pa10cal.fit.model_reading import model_file
 
-    models = [model_file(path) for path in inputs if path.is_dir() or path.suffix == ".yaml"]
+    models = [model_file(path) for path in inputs if _is_folder(path) or path.suffix == ".yaml"]
     return [*inputs, *models, *map(covariance_path, models)]
+
+
+def _is_folder(path: Path) -> bool:
+    try:
+        return path.is_dir()
+    except OSError:  # as of settings in JSON, which are longer than a name can be
+        return False
 
 
 def _nobody_reads() -> bool:

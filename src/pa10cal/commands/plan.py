@@ -11,9 +11,6 @@ from pa10cal.pose_plan.options import PlanOptions
 if TYPE_CHECKING:
     from pa10cal.pose_plan.plan import PosePlan
 
-#: An effect is visible if its expected uncertainty is below this part of its plausible size.
-_VISIBLE = 1.0 / 3.0
-
 
 def plan(
     *,
@@ -60,13 +57,21 @@ def plan(
         pa10cal plan --robot my_arm.yaml --instrument points --poses 60 --out plan.csv \\
           --keep-out box.yaml --instrument-at-mm 2500 0 1200 --facing-deg 60
     """
-    from pa10cal.errors import SettingsError
+    from pa10cal.errors import OutputError, SettingsError
     from pa10cal.files.arms import arm_asked
     from pa10cal.pose_plan.plan import plan_poses
     from pa10cal.pose_plan.setup import read_keep_out
     from pa10cal.settings_reading import parse_section
 
-    given: dict[str, Any] = {
+    if out.suffix == ".json":
+        raise OutputError(
+            "what to expect of the poses is written to this file",
+            where="--out",
+            value=str(out),
+            allowed="the path of a CSV file",
+            remedy=f"give {out.with_suffix('.csv')}",
+        )
+    own_options: dict[str, Any] = {
         "reach_mm": reach_mm,
         "floor_mm": floor_mm,
         "instrument_at_mm": instrument_at_mm,
@@ -84,19 +89,21 @@ def plan(
                 allowed="six numbers: least x y z, largest x y z",
                 remedy="give both corners",
             )
-        given["workspace_mm"] = (workspace_mm[:3], workspace_mm[3:])
+        own_options["workspace_mm"] = (workspace_mm[:3], workspace_mm[3:])
     if keep_out is not None:
-        given["keep_out"] = [box.model_dump() for box in read_keep_out(keep_out)]
-    stated = (options or PlanOptions()).model_dump()
-    stated |= {name: value for name, value in given.items() if value is not None}
+        own_options["keep_out"] = [box.model_dump() for box in read_keep_out(keep_out)]
+    # What has an option of its own wins over the same key of --options.
+    every = (options or PlanOptions()).model_dump()
+    every |= {name: value for name, value in own_options.items() if value is not None}
     arm = arm_asked(robot)
-    chosen = plan_poses(arm, instrument, poses, parse_section(PlanOptions, stated, where="plan"))
+    chosen = plan_poses(arm, instrument, poses, parse_section(PlanOptions, every, where="plan"))
     chosen.save(out)
     print("\n".join([*arm.remarks, *_lines(chosen, out)]))
 
 
 def _lines(chosen: PosePlan, out: Path) -> Iterator[str]:
     """Yield what to expect of a plan: uncertainty, parameters, effects, and what limits removed."""
+    from pa10cal.discovery.rules import JUDGING
     from pa10cal.pose_plan.setup import PlanSetup
 
     expected = chosen.expected
@@ -113,11 +120,12 @@ def _lines(chosen: PosePlan, out: Path) -> Iterator[str]:
         identified = f"hardly determined: {', '.join(expected.not_identified)}"
     yield f"parameters: {len(expected.parameters)}, springs at joints: {springs}; {identified}"
     if expected.effects:
-        alone = sum(effect.u_alone < _VISIBLE for effect in expected.effects)
-        among_all = sum(effect.u_among_all < _VISIBLE for effect in expected.effects)
+        least = JUDGING.identified_share  # an effect shows if its relative uncertainty is less
+        shown_alone = sum(effect.u_alone < least for effect in expected.effects)
+        shown_among_all = sum(effect.u_among_all < least for effect in expected.effects)
         yield (
-            f"missing effects: {alone} of {len(expected.effects)} would show in their plausible "
-            f"size, {among_all} whatever others are missing too"
+            f"missing effects: {shown_alone} of {len(expected.effects)} would show in their "
+            f"plausible size, {shown_among_all} whatever others are missing too"
         )
     if not chosen.kind.directional and chosen.options.instrument_at_mm is None:
         place_m = PlanSetup(chosen.arm, chosen.kind, chosen.options).instrument_place_m

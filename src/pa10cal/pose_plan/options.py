@@ -105,10 +105,3 @@ class PlanOptions(Section):
         if corners is not None and any(a == b for a, b in zip(*corners, strict=True)):
             raise ValueError("a box with a volume: corners that differ in x, y and z")
         return corners
-
-    @field_validator("facing_deg")
-    @classmethod
-    def _faces_something(cls, angle: float | None, info: ValidationInfo) -> float | None:
-        if angle is not None and info.data.get("instrument_at_mm") is None:
-            raise ValueError("an angle together with instrument_at_mm, where the instrument is")
-        return angle

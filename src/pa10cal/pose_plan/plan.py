@@ -92,6 +92,7 @@ def plan_poses(
     Raises:
         CalibrationError: for an instrument that does not exist, too few poses for the unknowns, or
             too few poses within all limits.
+        SettingsError: for `facing_deg` without `instrument_at_mm`.
     """
     options, calibration = options or PlanOptions(), calibration or CalibrationOptions()
     setup = PlanSetup(arm, instrument_named(instrument), options)

@@ -102,8 +102,20 @@ class PlanSetup:
 
     @property
     def constraints(self) -> dict[str, workspace.Constraint]:
-        """Return the constraints on poses, the quickest first, by what users know them by."""
+        """Return the constraints on poses, the quickest first, by what users know them by.
+
+        Raises:
+            SettingsError: when `facing_deg` is stated without `instrument_at_mm`.
+        """
         options, carried = self.options, _rails(self.arm)
+        if options.facing_deg is not None and options.instrument_at_mm is None:
+            raise SettingsError(
+                "nothing is stated to face",
+                where="facing_deg",
+                value=options.facing_deg,
+                allowed="an angle together with instrument_at_mm, where the instrument is",
+                remedy="state instrument_at_mm too",
+            )
         strokes_m = np.abs(self.arm.joint_ranges_rad[:carried]).max(axis=1, initial=0.0)
         reach_m = self.arm.reach_m - float(strokes_m.sum())
         constraints: dict[str, workspace.Constraint] = {}
