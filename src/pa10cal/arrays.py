@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import fields, is_dataclass, replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -33,14 +33,18 @@ def nearest_rotation(matrix: Array) -> Array:
 
 
 def spread(count: int, most: int) -> Index:
-    """Return at most `most` of `count` row numbers, evenly spread, rising."""
+    """Return at most `most` of `count` row numbers, evenly spread, rising.
+
+    For rows in an order that has to be covered, such as that of time; else see `drawn`.
+    """
     return np.linspace(0, count - 1, min(count, most)).astype(np.intp)
 
 
 def drawn(count: int, most: int) -> Index:
     """Return at most `most` of `count` row numbers, drawn with a fixed seed, rising.
 
-    They are not every n-th: rows may alternate between two kinds of pose.
+    For a fit or a scatter: rows may alternate between two kinds of pose, and every n-th would then
+    be of one kind.
     """
     return np.sort(np.random.default_rng(0).permutation(count)[:most])
 
@@ -74,11 +78,15 @@ def take_rows(record: Record, rows: Rows, *of_all: str) -> Record:
         value = getattr(known, field.name)
         if value is None or field.name in of_all:
             continue
-        if isinstance(value, np.ndarray):
+        if isinstance(value, np.ndarray) and value.ndim:
             chosen[field.name] = value[rows]
-        elif hasattr(value, "take"):
+        elif hasattr(value, "take") and not isinstance(value, np.ndarray | np.generic):
             chosen[field.name] = value.take(rows)
-        else:
+        elif is_dataclass(value):
             chosen[field.name] = take_rows(value, rows)
+        else:
+            raise TypeError(
+                f"{field.name} of {type(record).__name__} has no rows: name it in `of_all`"
+            )
     result: Record = replace(known, **chosen)
     return result

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from drawn_examples import examples
 from made_up_poses import frames
+from pa10cal.arrays import take_rows
 from pa10cal.files.arms import load_arm
 from pa10cal.observe.base_targets import BaseTargets
 from pa10cal.observe.instrument import Instrument
@@ -223,3 +224,17 @@ def test_positions_spread_by_what_the_arm_moves_not_by_what_is_between_targets(m
     p_m[:10, 1] = p_m[:, 2] = np.nan  # one is seen at times, one never
     points = Points(("a", "b", "c"), p_m, np.full((40, 3, 3, 3), np.nan), None)
     assert points.spread_mm == pytest.approx(1e3 * moves_m)
+
+
+@dataclass(frozen=True)
+class _WithOneNumber:
+    off_m: np.ndarray
+    total: object
+
+
+@pytest.mark.parametrize("total", [np.float64(3.0), np.array(3.0), 3.0, "three"])
+def test_what_has_no_rows_is_named(total):
+    record = _WithOneNumber(np.arange(4.0), total)
+    with pytest.raises(TypeError, match="total of _WithOneNumber has no rows"):
+        take_rows(record, np.array([0, 2]))
+    assert take_rows(record, np.array([0, 2]), "total").off_m.tolist() == [0.0, 2.0]

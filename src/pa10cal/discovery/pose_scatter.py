@@ -19,10 +19,10 @@ import numpy as np
 from scipy.optimize import minimize
 from scipy.special import chdtri
 
-from pa10cal.arrays import Array, Index
+from pa10cal.arrays import Array, Index, drawn
 from pa10cal.discovery.jacobians import by_joints
 from pa10cal.discovery.noise import whitener_of
-from pa10cal.discovery.position_errors import position_errors_along_axes
+from pa10cal.discovery.position_errors import position_errors_along_axes, seen_along_axes
 from pa10cal.discovery.rules import NOISE
 from pa10cal.discovery.tuning import COMPUTING
 from pa10cal.fit.fitted import TOOL_FRAME
@@ -48,20 +48,20 @@ class PoseWeights:
         """Return the weights with the scatter changed by a widening."""
         if by == AS_FOUND:
             return self
-        scale = np.full(self.whitener.shape[1], by.attitudes)
-        scale[list(by.positions)] = 1.0
+        scale = np.full(self.whitener.shape[1], by.attitude_root_weight)
+        scale[list(by.position_columns)] = 1.0
         return replace(self, whitener=self.whitener * (scale / by.scatter)[:, None])
 
 
 @dataclass(frozen=True)
 class Widening:
-    """Factors on the scatter of components as their median residual gives it."""
+    """How weights change from those that the median residual gives."""
 
-    scatter: float = 1.0  # of all components
+    scatter: float = 1.0  # factor on the scatter of all components, which lowers their weight
     # factor on the root weight of orientations: their errors follow the pose, and do not average
     # out over many poses
-    attitudes: float = 1.0
-    positions: tuple[int, ...] = ()  # columns of positions
+    attitude_root_weight: float = 1.0
+    position_columns: tuple[int, ...] = ()  # columns that are no orientations
 
 
 AS_FOUND = Widening()
@@ -73,19 +73,23 @@ def unweighted(measured: Instrument) -> PoseWeights:
     return PoseWeights(whitener_of(stated), np.ones(len(stated)))
 
 
-def pose_weights(residual: Array, dof: float, measured: Instrument) -> PoseWeights:
+def pose_weights(residual: Array, fitted_count: float, measured: Instrument) -> PoseWeights:
     """Return weights of poses by the residual (P, b) of a model.
 
     Args:
-        dof: number of parameters fitted, by which residuals are smaller than errors.
+        fitted_count: number of parameters fitted, by which residuals are smaller than errors.
         measured: states the covariance of the components, and which were seen.
     """
     stated, seen = measured.stated_covariance, measured.components_seen
-    rows = int(seen.sum())
-    inflate = rows / max(rows - dof, NOISE.least_left_share * rows)
+    seen_count = int(seen.sum())
+    if not seen_count:
+        return unweighted(measured)
+    inflate = seen_count / max(seen_count - fitted_count, NOISE.least_left_share * seen_count)
     covariance = stated.copy()
     for _, kind in measured.component_kinds:
         here = seen[:, kind]
+        if not here.any():
+            continue
         variance = (
             inflate * (NOISE.median_to_sigma * np.median(np.abs(residual[:, kind][here]))) ** 2
         )
@@ -107,10 +111,11 @@ def pose_weights(residual: Array, dof: float, measured: Instrument) -> PoseWeigh
 def weights_with_joints(
     weights: PoseWeights, at: FittedModel, poses: Observations, residual: Array
 ) -> PoseWeights:
-    """Return weights of complete poses whose whitener knows what an error of a joint does.
+    """Return weights of poses whose whitener knows what an error of a joint does.
 
-    It moves all components of a pose together: counted one by one, they would show whatever is
-    sought in them too surely. The residual is (P, b).
+    Such an error moves all components of a pose together: counted one by one, they would show
+    whatever is sought in them too surely. Poses are as `preparation.complete` makes them, with the
+    torques at their joints; the residual is (P, b).
     """
     covariance = scatter_of(at, poses, residual).covariance(at, poses)
     return replace(weights, whitener=whitener_of(covariance))
@@ -124,22 +129,45 @@ class PoseDeviations:
     kinds: Mapping[str, float]  # of each kind of component, by its name [m, rad]
 
     def covariance(self, at: FittedModel, poses: Observations) -> Array:
-        """Return the covariance of the components of poses, (P, b, b)."""
+        """Return the covariance of the components of poses, (P, b, b).
+
+        A kind of component that these deviations were not fitted to has its stated variance.
+        """
         moved = by_joints(at, poses, range(1, at.arm.n + 1)) * self.joints
-        found = moved @ np.swapaxes(moved, 1, 2)
+        covariance = np.asarray(moved @ np.swapaxes(moved, 1, 2), dtype=np.float64)
+        stated = np.diagonal(poses.measured.stated_covariance, axis1=1, axis2=2)
         for name, kind in poses.measured.component_kinds:
-            own = np.arange(found.shape[1])[kind]
-            found[:, own, own] += self.kinds[name] ** 2
-        return np.asarray(found, dtype=np.float64)
+            columns = np.arange(covariance.shape[1])[kind]
+            known = self.kinds.get(name)
+            covariance[:, columns, columns] += stated[:, kind] if known is None else known**2
+        return covariance
+
+
+def _enough(poses: Observations) -> Index:
+    """Return the rows of poses that suffice for their scatter: all, or some drawn of each kind.
+
+    They are not every n-th, as rows may alternate between kinds of pose. In a group of campaigns
+    those of a small one are among them, too.
+    """
+    most = len(poses) // max(1, len(poses) // NOISE.enough_poses)
+    rows, seen = [drawn(len(poses), most)], poses.measured.components_seen
+    kinds = poses.measured.component_kinds
+    for _, kind in kinds:
+        of_kind = np.flatnonzero(seen[:, kind].any(axis=1))
+        rows.append(of_kind[drawn(len(of_kind), most // len(kinds))])
+    return np.unique(np.concatenate(rows))
 
 
 def scatter_of(at: FittedModel, poses: Observations, residual: Array) -> PoseDeviations:
-    """Return the scatter of the complete poses of a fit, by their residual (P, b)."""
-    every = max(1, len(poses) // NOISE.enough_poses)
-    poses, residual = poses.take(np.arange(0, len(poses), every)), residual[::every]
+    """Return the scatter of the poses of a fit, by their residual (P, b).
+
+    Poses are as `preparation.complete` makes them.
+    """
+    rows = _enough(poses)
+    poses, residual = poses.take(rows), residual[rows]
     by_joint = by_joints(at, poses, range(1, at.arm.n + 1))
     # Covariances (P, b, b) by a unit variance of each joint, then of each kind of component.
-    units = [own[:, :, None] * own[:, None, :] for own in np.moveaxis(by_joint, 2, 0)]
+    units = [moved[:, :, None] * moved[:, None, :] for moved in np.moveaxis(by_joint, 2, 0)]
     seen, identity = poses.measured.components_seen, np.eye(residual.shape[1])
     units += [
         np.diag(identity[kind].sum(axis=0))[None] for _, kind in poses.measured.component_kinds
@@ -183,15 +211,18 @@ def share_inside(
 ) -> float:
     """Return the share of coordinates of measured positions that lie in their 95 % intervals.
 
+    They are along the instrument's axes; of an instrument of distances, along the line of sight.
     The model has a covariance; its residual (P, b) is computed if it is not given.
     """
     residual = fitted.compared(poses).residual if residual is None else residual
     of_poses = scatter.covariance(fitted, poses)
-    off_m, variance = position_errors_along_axes(fitted, poses, residual, of_poses)
+    off_m, of_scatter_m2 = position_errors_along_axes(fitted, poses, residual, of_poses)
     forward = Forward.of(fitted, TOOL_FRAME)
-    R = fitted.T_instr_base[:3, :3]
-    own = R @ forward.position_covariance(poses.states, forward.end(poses.states)) @ R.T
-    total = variance + np.diagonal(own, axis1=1, axis2=2)
-    seen = np.isfinite(off_m) & (total > 0.0)
-    inside = np.abs(off_m[seen]) <= HALF_WIDTH_95 * np.sqrt(total[seen])
+    # What the instrument sees of an error of the model's position, as it sees the error itself.
+    by_base = seen_along_axes(fitted, poses) @ fitted.T_instr_base[:3, :3]
+    of_position_m2 = forward.position_covariance(poses.states, forward.end(poses.states))
+    of_model_m2 = np.einsum("pik,pkl,pil->pi", by_base, of_position_m2, by_base, optimize=True)
+    variance_m2 = of_scatter_m2 + of_model_m2
+    seen = np.isfinite(off_m) & (variance_m2 > 0.0)
+    inside = np.abs(off_m[seen]) <= HALF_WIDTH_95 * np.sqrt(variance_m2[seen])
     return float(inside.mean())

@@ -30,16 +30,35 @@ def position_errors_along_axes(
         deviation: (P, b) measured minus predicted components.
         cov: (P, b, b) covariance of their noise.
     """
-    rows, measured = poses.measured.position_columns, poses.measured
-    T_instr_ee = at.T_instr_base @ at.model.predict(poses.states, at.x)
-    ideal = measured.ideal(T_instr_ee, at.targets_m).compare(T_instr_ee, at.targets_m)
-    seen, targets = measured.components_seen[:, rows, None], targets_seen(measured)
-    # The derivative of a component by the position of the end is its direction.
-    to_axes = (seen * ideal.by_end[:, rows, :3] / targets[:, None, None]).transpose(0, 2, 1)
-    error_m = (to_axes @ deviation[:, rows, None])[:, :, 0]
-    of_positions = cov[:, rows[:, None], rows]
+    columns = poses.measured.position_columns
+    to_axes = _directions_seen(at, poses) / targets_seen(poses.measured)[:, None, None]
+    error_m = (to_axes @ deviation[:, columns, None])[:, :, 0]
+    of_positions = cov[:, columns[:, None], columns]
     variance_m2 = np.einsum("pik,pkl,pil->pi", to_axes, of_positions, to_axes, optimize=True)
     return error_m, variance_m2
+
+
+def seen_along_axes(at: FittedModel, poses: Observations) -> Array:
+    """Return what an error of position gives as error along the instrument's axes, (P, 3, 3).
+
+    The identity where targets are seen in all three coordinates; of an instrument of distances, the
+    projection on the line of sight.
+    """
+    directions = _directions_seen(at, poses)
+    targets = targets_seen(poses.measured)[:, None, None]
+    return np.asarray(directions @ directions.transpose(0, 2, 1) / targets)
+
+
+def _directions_seen(at: FittedModel, poses: Observations) -> Array:
+    """Return the direction of each position component, (P, 3, c); zero where it was not seen.
+
+    It is the derivative of the component by the position of the end.
+    """
+    columns, measured = poses.measured.position_columns, poses.measured
+    T_instr_ee = at.T_instr_base @ at.model.predict(poses.states, at.x)
+    ideal = measured.ideal(T_instr_ee, at.targets_m).compare(T_instr_ee, at.targets_m)
+    seen = measured.components_seen[:, columns, None]
+    return np.asarray((seen * ideal.by_end[:, columns, :3]).transpose(0, 2, 1))
 
 
 def position_noise_m2(measured: Instrument, cov: Array) -> Array:
