@@ -49,13 +49,14 @@ _LEFT_MM, _TOP_MM, _BOTTOM_MM = 37.0, 44.0, 16.0
 _WORDS = (
     "in the alternatives",
     "no name, right place",
+    "no name, no place",
     "said to be not testable",
     "nothing found",
     "right id elsewhere",
     "no name, other place",
     "failed",
 )
-_HONEST = _WORDS[:4]
+_HONEST = _WORDS[:5]
 _RIGHT_WITHOUT_NAME = _WORDS[1]
 
 

@@ -85,7 +85,8 @@ def _names_row(t: BlindTrial) -> dict[str, Any]:
         "all_testable": all(map(t.is_testable, t.to_be_named)),
         "has_above": bool(above_limit),
         "above_listed": trial_names.matched_count(t, above_limit) == len(above_limit),
-        "outside": trial_names.is_outside(t),
+        "outside": trial_names.hides_only_nameless(t),
+        "nothing_outside": trial_names.hides_only_named(t),
         "right_formula": trial_names.proposes(t, right=True),
         "wrong_formula": trial_names.proposes(t, right=False),
         "among": "a background" if any(each.outside for each in t.hidden) else "nothing else",
@@ -109,7 +110,7 @@ def _wrong_names_row(t: BlindTrial) -> dict[str, Any]:
         # Whether any is left without springs that the arm has.
         "false_name": trial_names.extra_count(no_springs) > 0,
         # Whether a finding is wrong, be it a pair of another with a hidden effect or not.
-        "wrong_name": trial_names.has_wrong_name(t),
+        "wrong_name": trial_names.has_finding_of_nothing(t),
         # Whether a finding other than a map is wrong.
         "false_drive_name": any(
             effect.id != MAP and hidden_names.isdisjoint(effect.all_names) for effect in t.effects
@@ -119,7 +120,7 @@ def _wrong_names_row(t: BlindTrial) -> dict[str, Any]:
         # The same in a verdict `named` or `check_the_log`, without springs that the arm has.
         "confident_false_name": confidently_wrong(no_springs, trial_faults.CHECK),
         # Whether a sure name is wrong, whatever the verdict, without findings of the background.
-        "wrong_name_alone": trial_names.has_wrong_name_alone(no_background),
+        "wrong_name_alone": trial_names.has_sure_wrong_name(no_background),
     }
 
 

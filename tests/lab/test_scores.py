@@ -14,6 +14,7 @@ from pa10cal_lab.trial_names import (
     ELSEWHERE,
     FAILED,
     LISTED,
+    NO_PLACE,
     NOT_TESTABLE,
     NOTHING,
     RIGHT_PLACE,
@@ -300,7 +301,8 @@ def test_intervals_take_vectors_apart_and_leave_maps_and_wrong_places_out():
         (verdict(named(LOST), named(Name("transmission_error", "joint 5"))), ELSEWHERE),
         (verdict(named(LOST)), "backlash"),
         (verdict(word="unexplained", places=("joint 2",)), RIGHT_PLACE),
-        (verdict(word="unexplained", places=(None,)), WRONG_PLACE),
+        (verdict(word="unexplained", places=(None,)), NO_PLACE),
+        (verdict(word="unexplained", places=(None, "base")), WRONG_PLACE),
         (verdict(), NOTHING),
         (verdict(not_testable=frozenset({WAVE})), NOT_TESTABLE),
         (None, FAILED),
@@ -312,6 +314,19 @@ def test_outcomes(said, expected):
     (subject,) = scored([one, one]).subjects
     assert (subject.kind, subject.id) == ("single", "transmission_error")
     assert subject.counts == {expected: 2}
+
+
+def test_what_is_called_another_hidden_effect_is_no_wrong_name():
+    both = (WAVE, LOST)
+    for said, expected in (
+        (verdict(named(LOST)), NOTHING),
+        (verdict(named(DISK, LOST)), NOTHING),
+        (verdict(named(LOST), named(GAIN)), "torque_gain"),
+        (verdict(named(LOST), not_testable=frozenset({WAVE})), NOT_TESTABLE),
+        (verdict(named(LOST), word="unexplained", places=("joint 2",)), RIGHT_PLACE),
+    ):
+        case = trial("pair", both, said)
+        assert outcome(case, case.hidden[0]) == expected
 
 
 def test_a_map_at_the_joint_of_what_has_no_name_is_the_right_place():
@@ -492,6 +507,37 @@ def test_shares_are_of_what_no_name_covers_and_of_the_rest():
         (f"{OUTSIDE}: its formula proposed | third_harmonic", 1, 4, None),
     ):
         assert (found[what].count, found[what].trials, found[what].met) == (count, of, met), what
+
+
+@pytest.mark.parametrize(
+    ("what", "cycles", "right"),
+    [
+        (HIDDEN_THIRD, 3.02, True),
+        (HIDDEN_THIRD, 7.0, False),
+        (HIDDEN_THIRD, None, False),
+        (hidden(Name("small_waves", "joint 2"), outside=True, orders=[0.4, 61.0]), 61.0, True),
+        (hidden(Name("small_waves", "joint 2"), outside=True, orders=[0.4, 61.0]), None, False),
+        (hidden(Name("backlash", "joint 2")), 3.0, False),
+    ],
+)
+def test_a_line_is_a_right_formula_by_its_cycles(what, cycles, right):
+    estimates = {} if cycles is None else {"k": (cycles, 0.1)}
+    case = trial("mixed", (what,), verdict(named(Name("periodic_error", "joint 2"), **estimates)))
+    assert trial_names.proposes(case, right=right)
+    assert not trial_names.proposes(case, right=not right)
+
+
+def test_a_trial_with_anything_nameless_is_none_with_nothing_outside():
+    waves = hidden(Name("small_waves", "joint 2"), outside=True, orders=[2.4])
+    for what, nameless_alone, named_alone in (
+        ((waves,), True, False),
+        ((waves, LOST), False, False),
+        ((LOST,), False, True),
+        ((), False, True),
+    ):
+        case = trial("mixed", what, verdict())
+        assert trial_names.hides_only_nameless(case) == nameless_alone
+        assert trial_names.hides_only_named(case) == named_alone
 
 
 def test_a_map_counts_as_something_without_a_name():
