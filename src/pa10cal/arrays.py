@@ -78,15 +78,22 @@ def take_rows(record: Record, rows: Rows, *of_all: str) -> Record:
         value = getattr(known, field.name)
         if value is None or field.name in of_all:
             continue
-        if isinstance(value, np.ndarray) and value.ndim:
-            chosen[field.name] = value[rows]
-        elif hasattr(value, "take") and not isinstance(value, np.ndarray | np.generic):
-            chosen[field.name] = value.take(rows)
-        elif is_dataclass(value):
-            chosen[field.name] = take_rows(value, rows)
-        else:
+        if not _has_rows(value):
             raise TypeError(
                 f"{field.name} of {type(record).__name__} has no rows: name it in `of_all`"
             )
+        if isinstance(value, np.ndarray):
+            chosen[field.name] = value[rows]
+        elif hasattr(value, "take"):
+            chosen[field.name] = value.take(rows)
+        else:
+            chosen[field.name] = take_rows(value, rows)
     result: Record = replace(known, **chosen)
     return result
+
+
+def _has_rows(value: object) -> bool:
+    """Return whether a value of a field has an entry a pose; numbers and texts have not."""
+    if isinstance(value, np.ndarray | np.generic):
+        return value.ndim > 0
+    return hasattr(value, "take") or is_dataclass(value)
