@@ -497,5 +497,5 @@ def test_trials_without_a_null_of_their_layout_are_told():
 
 
 def test_only_numbers_are_parameters():
-    truth = hidden(WAVE, A=1, word="xyz", axis=(0.0, 1.0, 0.0), cubic=True, text=["a", "b", "c"])
+    truth = hidden(WAVE, A=1, word="xyz", axis=[0.0, 1.0, 0.0], cubic=True, text=["a", "b", "c"])
     assert true_parameters(truth) == {"A": 1.0, "axis_x": 0.0, "axis_y": 1.0, "axis_z": 0.0}
