@@ -32,11 +32,12 @@ class CurveStudySummary(record.Part):
     model: str  # the model
     individuals: int  # number of individuals
     converged: int  # fits that converged
-    unknowns: int  # parameters fitted
-    rank: int  # smallest rank
-    # directions that are not identifiable
+    # parameters fitted, of the individual whose rank is farthest below them
+    unknowns: int
+    rank: int  # rank of its fit
+    # directions that are not identifiable by it
     null_directions: tuple[Mapping[record.ParameterKey, float], ...]
-    # root mean square of error over standard uncertainty; null without a truth
+    # root mean square of error over standard uncertainty; null without true values
     rms_score: float | None
     fitted: OverFloor  # of poses fitted
     held_out: OverFloor  # of held-out poses

@@ -43,13 +43,14 @@ Departs = Literal["rows", "any_way"]
 PROVENANCE = "synthetic: virtual cell, no hidden effect"
 #: The mean error after calibration is to be within so many times that of the noise alone.
 BAR = 1.5
-#: Noise so far below the instrument's that what is seen counts as exact.
+#: Noise so far below the instrument's that what is seen counts as exact, though not free of it.
 _EXACT = {"position_mm": 1e-5, "attitude_rad": 1e-8}
 _SAID: dict[Departs, str] = {
     "rows": "departs by the parameters of its rows",
     "any_way": "departs in any way, axes and flange in six directions",
 }
-#: Options of each model, in place of those of the settings.
+#: Options of each model, in place of those of the settings. With `_NOMINAL` the names are those of
+#: the columns `<name>_mm` of `ErrorsByPose`.
 _MODELS: dict[str, dict[str, Any]] = {
     "two_level": {"model": "paper"},
     "two_level_all": {"model": "paper", "inner_poses": "all"},
@@ -96,7 +97,7 @@ def chain_study(
             individuals.append(_individual(number, departs, arm, plan, settings, rigid))
     return results.CurveCalibrationRecord(
         provenance=PROVENANCE,
-        settings=options.model_dump(mode="json"),
+        settings=options.model_dump(mode="json") | {"calibration": rigid.model_dump(mode="json")},
         joints=arm.n,
         shapes_refused=sum(postures.refused for postures in shapes),
         noise_floor_mm=floor_mm,
@@ -123,6 +124,7 @@ def _individual(
         name: calibrated_record(LoadCase(*about, options.model_copy(update=changes)))
         for name, changes in _MODELS.items()
     }
+    # The last model of a record is the calibration itself, see `models_of`.
     models = {name: tuple(models_of(found, name).values())[-1] for name, found in records.items()}
     setup = setup_of(campaign.description, campaign.arm, options, DiscoveryOptions())
 
@@ -138,7 +140,7 @@ def _individual(
     exact = as_read(simulate_campaign(made.name, arm, without_noise))
     true = errors_of(exact, "holdout")
     truth = truth_record(made).parameters
-    both = [(fitted[name].rows, held_out[name].rows) for name in fitted]
+    rows_of = {name: (fitted[name].rows, held_out[name].rows) for name in fitted}
     return results.Individual(
         number=number,
         departs=departs,
@@ -153,18 +155,18 @@ def _individual(
         },
         models={name: _fit(found, truth) for name, found in records.items()},
         poses=results.ErrorsByPose(
-            pose=np.concatenate([rows.pose for rows in both[0]]),
-            held_out=np.repeat([False, True], [len(rows.pose) for rows in both[0]]),
+            pose=np.concatenate([rows.pose for rows in rows_of[_NOMINAL]]),
+            held_out=np.repeat([False, True], [len(rows.pose) for rows in rows_of[_NOMINAL]]),
             **{
                 f"{name}_mm": np.concatenate([rows.error_mm for rows in pair])
-                for name, pair in zip(fitted, both, strict=True)
+                for name, pair in rows_of.items()
             },
         ),
     )
 
 
 def _fit(found: CalibrationRecord, truth: Mapping[str, TrueParameter]) -> results.IndividualFit:
-    """Return rank, null directions and, where there is a truth, scores of the parameters."""
+    """Return rank, null directions and, of the paper's model, scores of what has a true value."""
     more: dict[str, Any]
     if isinstance(found, GeneralCalibrationRecord):
         redundant = {parameter.name: parameter.replaced_by for parameter in found.redundant}
@@ -192,6 +194,7 @@ def _summaries(
         fits = [arm.models[model] for arm in alike]
         scores = [score for fit in fits for score in fit.scores.values()]
         errors = [arm.errors[model] for arm in alike]
+        least_determined = max(fits, key=lambda fit: fit.unknowns - fit.rank)
         over_floor = {
             kind: _over_floor([getattr(error, kind) for error in errors], floor_mm)
             for kind in ("fitted", "held_out", "held_out_true")
@@ -203,9 +206,9 @@ def _summaries(
                 model=model,
                 individuals=len(alike),
                 converged=sum(fit.converged for fit in fits),
-                unknowns=fits[0].unknowns,
-                rank=min(fit.rank for fit in fits),
-                null_directions=fits[0].null_directions,
+                unknowns=least_determined.unknowns,
+                rank=least_determined.rank,
+                null_directions=least_determined.null_directions,
                 rms_score=float(np.sqrt(np.mean(np.square(scores)))) if scores else None,
                 **over_floor,
             )

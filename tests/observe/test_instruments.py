@@ -15,7 +15,7 @@ from drawn_examples import examples
 from made_up_poses import frames
 from pa10cal.arrays import take_rows
 from pa10cal.files.arms import load_arm
-from pa10cal.observe.base_targets import BaseTargets
+from pa10cal.observe.base_targets import BaseTargets, Knocked, Misread
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.joined import Joined
 from pa10cal.observe.kinds import instruments
@@ -238,3 +238,15 @@ def test_what_has_no_rows_is_named(total):
     with pytest.raises(TypeError, match="total of _WithOneNumber has no rows"):
         take_rows(record, np.array([0, 2]))
     assert take_rows(record, np.array([0, 2]), "total").off_m.tolist() == [0.0, 2.0]
+
+
+def test_what_base_targets_did_is_told_in_full():
+    knocked = Knocked(("base1",), "p7", 1714380123.0, 0.2)
+    assert str(knocked).endswith("before pose p7 (1714380123 s)")
+    assert "1230 mm off" in str(Misread("base1", 1, "p7", 1234.0))
+
+
+def test_base_targets_without_their_places_are_refused_by_column():
+    motion = {f"motion_{name}": np.zeros(2) for name in ("x_mm", "y_mm", "z_mm")}
+    with pytest.raises(KeyError, match="base1_x_mm"):
+        BaseTargets.from_columns(motion, None)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,7 +36,7 @@ class Knocked:
     def __str__(self) -> str:
         return (
             f"{' or '.join(self.targets)} moved by {self.shift_mm:.3f} mm against the others, "
-            f"before pose {self.pose} ({self.time_s:g} s)"
+            f"before pose {self.pose} ({self.time_s:.12g} s)"
         )
 
 
@@ -52,7 +52,8 @@ class Misread:
     def __str__(self) -> str:
         times = f"{self.readings} readings" if self.readings > 1 else "one reading"
         most = ", the furthest" if self.readings > 1 else ""
-        return f"{times} of {self.target}{most} {self.off_mm:.3g} mm off (pose {self.pose})"
+        off_mm = float(f"{self.off_mm:.3g}")
+        return f"{times} of {self.target}{most} {off_mm:g} mm off (pose {self.pose})"
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,7 @@ class MotionFound:
     """How the motion of base targets was estimated."""
 
     # `still`: there is none; `walk`: smoothed in time; `each`: for each configuration by itself
-    form: str
+    form: Literal["still", "walk", "each"]
     # middle of the targets in the instrument's frame, about which they turn
     about_mm: tuple[float, float, float]
     turns: bool  # whether rotation can be estimated, as by three targets that are not in line
@@ -94,7 +95,10 @@ class BaseTargets:
 
     @property
     def T_moved(self) -> Array:
-        """Return the motion as transforms (P, 4, 4) of positions in the instrument's frame."""
+        """Return the motion as transforms (P, 4, 4) in the instrument's frame.
+
+        They move positions at rest to those that were read.
+        """
         R = Rotation.from_rotvec(self.motion[:, 3:]).as_matrix()
         return homogeneous(R, self.about_m + self.motion[:, :3] - R @ self.about_m)
 
@@ -121,12 +125,18 @@ class BaseTargets:
     def from_columns(
         cls, columns: Mapping[str, NDArray[Any]], found: MotionFound | None
     ) -> BaseTargets | None:
-        """Return the targets of a table's columns; None where it has none."""
+        """Return the targets of a table's columns; None where it has none.
+
+        Raises:
+            KeyError: for a column that is missing.
+        """
         if _MOTION[0] not in columns:
             return None
         names = tuple(
             name.removesuffix("_x_mm") for name in columns if re.fullmatch(r"base\d+_x_mm", name)
         )
+        if not names:
+            raise KeyError("base1_x_mm")
         return cls(
             names,
             quantities.places_of(columns, names),
