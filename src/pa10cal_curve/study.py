@@ -102,7 +102,7 @@ def chain_study(
         shapes_refused=sum(postures.refused for postures in shapes),
         noise_floor_mm=floor_mm,
         bar=BAR,
-        summaries=_summaries(individuals, floor_mm),
+        summaries=summaries_of(individuals, floor_mm),
         individuals=tuple(individuals),
         postures_of_first=results.Postures(shape=shapes[0].shape, p_m=shapes[0].p_m),
     )
@@ -184,7 +184,7 @@ def _fit(found: CalibrationRecord, truth: Mapping[str, TrueParameter]) -> result
     )
 
 
-def _summaries(
+def summaries_of(
     individuals: Sequence[results.Individual], floor_mm: float
 ) -> tuple[results.CurveStudySummary, ...]:
     """Return what became of all arms that depart in the same way, model by model."""
