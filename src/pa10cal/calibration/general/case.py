@@ -288,7 +288,10 @@ def _warnings(full: GeneralCalibration, judged: records.Health) -> tuple[str, ..
     if full.torques_from == "masses" and full.springs:
         assumed = weights_known(full.arm).assumed
         of_weights = "assumed weights" if assumed else "the described masses"
-        warnings.append(f"torques were not logged: those of {of_weights} are used")
+        followers = sorted({c.joint for c in full.arm.coupled if c.follows})
+        joints = ", ".join(f"joint {joint}" for joint in followers)
+        of_joints = f" of {joints} (follows: true)" if followers else ""
+        warnings.append(f"torques{of_joints} were not logged: those of {of_weights} are used")
     if full.unproven:
         joints = f"joint{'s' * (len(full.unproven) > 1)} {', '.join(map(str, full.unproven))}"
         warnings.append(
