@@ -281,7 +281,7 @@ def test_files_that_are_no_descriptions_are_refused(tmp_path, text, message):
             "[130, -130]",
             r"row 1: limits_deg allows the joint no motion.*130\.0, -130",
         ),
-        ("[-130, 130]", "[-130]", r"row 1: missing key limits_deg\.1"),
+        ("[-130, 130]", "[-130]", r"row 1: key limits_deg does not fit.*allowed: 2 values"),
         (
             "limits_m: [0, 0.2]",
             "limits_m: [0, 200]",

@@ -54,8 +54,8 @@ class RigidError:
 
 def _in_words(frame: str) -> str:
     """Return a frame in words: `target_T1` as target T1."""
-    name = frame.removeprefix("target_")
-    return f"the {name}" if name in (frame, "target") else f"target {name}"
+    _, _, name = frame.partition("target_")
+    return f"the {name or frame}" if name in ("", "target") else f"target {name}"
 
 
 @dataclass(frozen=True)
