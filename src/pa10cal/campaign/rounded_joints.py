@@ -44,6 +44,8 @@ _FEWEST_POSITIONS = 20
 _MOST_POSES, _STEPS = 300, 3
 #: Poses that leave more than so many times the median square are not compared (size).
 _GROSS = 25.0
+#: A log that leaves so many times what is stated is wrong, and shows no rounding (size).
+_WRONG = 1e3
 #: Singular values below this part of the largest are not determined (computing).
 _NOT_DETERMINED = 1e-6
 #: Joints that effects may have errors of, where positions are exact (chosen).
@@ -248,6 +250,8 @@ class _Left(NamedTuple):
         if spare <= 0.0:
             return None
         square = np.sum((root @ residual[:, :, None])[..., 0] ** 2, axis=1)
+        if np.median(square) > _WRONG**2 * residual.shape[1]:  # as by a reversed joint
+            return None
         usual = square <= _GROSS * np.median(square)
         kinds = np.zeros((len(measured.component_kinds), residual.shape[1]), dtype=bool)
         for kind, (_, columns_of_kind) in zip(kinds, measured.component_kinds, strict=True):

@@ -215,10 +215,11 @@ def _judged(campaign: Prepared, model: FittedModel) -> Verdict:
     sessions in one file without times.
     """
     found = _by_scorer(campaign, model)
-    if knocked := knocked_targets(campaign.trusted):
-        return replace(found, unexplained=knocked)
-    # A target that slipped once has other distances from then on.
+    # A target that slipped once has other distances from then on. Blocks tell it from the base.
     slipped = any(fault.kind == "step_in_time" for fault in found.faults_of_rows)
+    told = slipped and judged_by_blocks(campaign.trusted)
+    if not told and (knocked := knocked_targets(campaign.trusted)):
+        return replace(found, unexplained=knocked)
     if slipped or not (loose := loose_targets(campaign.trusted)):
         return _of_sessions(_of_noisy_campaign(found))
     placed = tuple(each for each in found.unexplained if each.of is not None)
