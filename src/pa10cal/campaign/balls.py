@@ -8,25 +8,21 @@ which has six unknowns.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from pa10cal.arrays import Array, Index, Mask, Rows, take_rows
+from pa10cal.arrays import MEDIAN_TO_SIGMA, Array, Index, Mask, Rows, take_rows
 from pa10cal.campaign.description import CampaignDescription
 from pa10cal.campaign.raw_rows import RawRows
 from pa10cal.campaign.target_labels import exchange_text, stated_shape
-from pa10cal.campaign.touch_errors import (
-    knock_remarks,
-    knocked_balls,
-    radius_off_mm,
-    radius_remark,
-)
 from pa10cal.errors import RawDataError
+from pa10cal.frame.knocked_targets import Knock, knocks_on_body
 from pa10cal.frame.point_fits import Spheres, fit_rigid, fit_spheres, normals_and_residuals
+from pa10cal.observe.quantities import MM
 
 #: Touches that a ball needs.
 LEAST_TOUCHES = 4
@@ -36,6 +32,14 @@ TOOL_MISFIT_MM = 1.0
 FAR_OFF = 2.0
 #: With so many configurations the tool's shape is estimated rather than taken as stated.
 ENOUGH_FOR_SHAPE = 5
+
+#: A radius is off from so many standard errors of its mean, and by this part of a touch's standard
+#: uncertainty.
+RADIUS_ERRORS, RADIUS_PART = 6.0, 0.3
+#: Standard error of a median over that of a mean.
+MEDIAN_ERROR = 1.2533
+#: A ball with less information on its radius than this, of 1 for each touch, says nothing of it.
+LEAST_INFORMATION = 0.1
 
 UNDECIDED = "the touches do not fit the tool, and no single touch explains it"
 
@@ -103,14 +107,14 @@ def locate_balls(
         limit_mm = outlier_sigma * sigma_mm
         _refuse_other_spheres(spheres, radius_mm, limit_mm, outlier_sigma, where)
         touches_mm, touched = p_instr_mm[whole].reshape(-1, T, 3), near[whole].reshape(-1, T)
-        off_mm, u_mm = radius_off_mm(spheres, touches_mm, touched, radius_mm, sigma_mm)
+        off_mm, u_mm = _radius_off_mm(spheres, touches_mm, touched, radius_mm, sigma_mm)
         if off_mm:
-            remarks.append(radius_remark(off_mm, u_mm, radius_mm))
+            remarks.append(_radius_remark(off_mm, u_mm, radius_mm))
             radius_mm += off_mm
             spheres = fit(whole, near)
         centres_mm = spheres.centre_mm.reshape(len(whole), -1, 3)
-        knocks = knocked_balls(centres_mm, campaign.instrument.uncertainty_mm)
-        knocked = tuple(knock_remarks(knocks, names, [visits[c] for c in whole.tolist()]))
+        knocks = _knocked_balls(centres_mm, campaign.instrument.uncertainty_mm)
+        knocked = tuple(_knock_remarks(knocks, names, [visits[c] for c in whole.tolist()]))
         remarks += knocked
         for part in np.split(np.arange(len(whole)), [knock.row for knock in knocks]):
             shape_mm = _shape(centres_mm[part], campaign, where, knocked)
@@ -360,3 +364,72 @@ def _linearise_tool(
     turning = np.cross(np.broadcast_to(lever[:, :, None, :], normal.shape), normal)
     C = len(p_mm)
     return np.concatenate([normal, turning], axis=-1).reshape(C, -1, 6), residual.reshape(C, -1)
+
+
+# Errors that touches share: a wrong radius of probe or balls, and balls that were knocked. Neither
+# is a stray touch, so that a test of single touches gives a wrong reason for them, or none.
+
+
+def _radius_off_mm(
+    spheres: Spheres, p_mm: Array, touched: Mask, radius_mm: float, sigma_mm: float
+) -> tuple[float, float]:
+    """Return how much larger the touched spheres are than stated, and its standard error.
+
+    It is the median over G balls of the radius that T touches show beside the centre. Zero where it
+    is not significant, or small against the uncertainty of one touch.
+
+    Args:
+        spheres: the balls, fitted with the stated radius.
+        p_mm: (G, T, 3) their touches, padded.
+        touched: (G, T) which of them are no padding.
+        radius_mm: the stated radius.
+        sigma_mm: standard uncertainty of one touch.
+    """
+    weight = touched.astype(float)
+    normals, residual_mm = normals_and_residuals(p_mm, weight, spheres.centre_mm, radius_mm)
+    summed = normals.sum(axis=1)
+    # A centre takes up a part of a wrong radius: what is left of it is the information.
+    information = weight.sum(axis=1) - np.einsum("gi,gij,gj->g", summed, spheres.cofactor, summed)
+    shows = ~spheres.coplanar & (information > LEAST_INFORMATION)
+    if shows.sum() < 2:
+        return 0.0, 0.0
+    off_mm = residual_mm.sum(axis=1)[shows] / information[shows]
+    mean_mm = float(np.median(off_mm))
+    scatter_mm = MEDIAN_TO_SIGMA * float(np.median(np.abs(off_mm - mean_mm)))
+    u_mm = MEDIAN_ERROR * scatter_mm / float(np.sqrt(len(off_mm)))
+    if abs(mean_mm) < max(RADIUS_ERRORS * u_mm, RADIUS_PART * sigma_mm):
+        return 0.0, 0.0
+    return mean_mm, u_mm
+
+
+def _radius_remark(off_mm: float, u_mm: float, radius_mm: float) -> str:
+    """Return what is said of a wrong radius that was taken out."""
+    side, small = ("outside", "small") if off_mm > 0.0 else ("inside", "large")
+    return (
+        f"the touches lie {abs(off_mm):.4f} ± {u_mm:.4f} mm {side} the spheres of "
+        f"{2.0 * radius_mm:g} mm in the mean: ball_diameter_mm is {abs(2.0 * off_mm):.3f} mm too "
+        f"{small}, or the compensation of the probe's radius {abs(off_mm):.3f} mm; spheres "
+        f"of {2.0 * (radius_mm + off_mm):.3f} mm are fitted; correct ball_diameter_mm, or "
+        "qualify the probe anew"
+    )
+
+
+def _knocked_balls(p_instr_mm: Array, uncertainty_mm: float) -> tuple[Knock, ...]:
+    """Return the knocks that distances between centres (C, B, 3), in order of time, show."""
+    p_m = MM * p_instr_mm
+    return knocks_on_body(p_m, np.full(p_m.shape, MM * uncertainty_mm))
+
+
+def _knock_remarks(
+    knocks: Sequence[Knock], names: Sequence[str], visits: Sequence[str]
+) -> Iterator[str]:
+    """Yield what is said of knocked balls; `visits` (C,) are the configurations in words."""
+    for knock in knocks:
+        ball = " or ".join(names[k] for k in knock.targets)
+        yield (
+            f"ball {ball} moved by {1e3 * knock.shift_m:.3f} mm on the tool between "
+            f"{visits[knock.row - 1]} and {visits[knock.row]}, and stayed there: its distances "
+            "from the other balls changed; it was knocked. Poses are wrong by a part of that: "
+            "calibrate the configurations before and after as two campaigns, with the place of the "
+            "ball measured anew (tool.balls_mm)"
+        )

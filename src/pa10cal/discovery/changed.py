@@ -26,7 +26,7 @@ from pa10cal.frame.point_fits import by_small_motion
 from pa10cal.numerics.gaussian import Gaussian, Gaussians
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.time_order import (
-    like_a_scan,
+    may_show_changes,
     measured_again,
     spread_over_time,
     step_thresholds,
@@ -129,7 +129,7 @@ def change_of(
     Nothing is found where no time was recorded, where poses are in the order of a scan, or where a
     joint or the load passes from one side to the other at the row.
     """
-    if not poses.states.tells_time or poses.measured.campaigns or like_a_scan(poses):
+    if not may_show_changes(poses):
         return None
     shown = spread_over_time(poses, MOTION.most_readings)
     poses, whitener = poses.take(shown), whitener[shown]

@@ -29,7 +29,7 @@ from pa10cal.discovery.nuisances import Nuisance, between_rows
 from pa10cal.discovery.rules import CHANGE, MOTION
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
-from pa10cal.observe.time_order import like_a_scan, spread_over_time, step_thresholds
+from pa10cal.observe.time_order import may_show_changes, spread_over_time, step_thresholds
 from pa10cal.terms.effects.effect import Effect
 
 #: A step from the first row on: columns that hold steps of their own count as they are.
@@ -104,7 +104,7 @@ def likely_joint_steps(at: FittedModel, poses: Observations, whitener: Array) ->
         poses: P readings in order of time.
         whitener: (P, b, b) of the noise of readings.
     """
-    if not poses.states.tells_time or poses.measured.campaigns or like_a_scan(poses):
+    if not may_show_changes(poses):
         return None
     chosen = _chosen(at, poses, whitener)
     if not chosen:
@@ -137,7 +137,7 @@ def joint_steps_of(
         effects: what depends on the pose or on time, beside which steps are judged.
         logged: whether torques were logged.
     """
-    if not poses.states.tells_time or poses.measured.campaigns or like_a_scan(poses):
+    if not may_show_changes(poses):
         return None
     shown = spread_over_time(poses, MOTION.most_readings)
     poses, whitener, of_readings = poses.take(shown), whitener[shown], of_readings[shown]
@@ -214,9 +214,8 @@ class _Steps:
 def _repeated_across(poses: Observations, time_s: float) -> bool:
     """Return whether poses were measured with one load on both sides of a time, which tell more."""
     states, (_, pose) = poses.states, np.unique(poses.pose, return_inverse=True)
-    alike = np.unique(np.column_stack([pose, states.load_N]), axis=0, return_inverse=True)[
-        1
-    ].ravel()
+    labels = np.column_stack([pose, states.load_N])
+    alike = np.unique(labels, axis=0, return_inverse=True)[1].ravel()
     later = states.time_s > time_s
     return len(np.intersect1d(alike[later], alike[~later])) >= CHANGE.least_across
 

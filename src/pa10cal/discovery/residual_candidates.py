@@ -28,7 +28,7 @@ from pa10cal.fit.problem import possible_sizes
 from pa10cal.fit.uncertain_weights import weight_sizes
 from pa10cal.numerics.gaussian import Gaussian, Gaussians
 from pa10cal.observe.observations import Observations
-from pa10cal.observe.time_order import like_a_scan, spread_over_time
+from pa10cal.observe.time_order import may_show_changes, spread_over_time
 from pa10cal.rules import ORDER
 from pa10cal.terms.effects.effect import CandidateContext, Effect, every_effect, static_loads_in
 from pa10cal.terms.effects.joint import GearLine
@@ -291,7 +291,7 @@ def warm_ups_shown(
         logged: whether torques were logged.
     """
     tried, poses = warm_ups(context), rows.poses
-    if not tried or not poses.states.tells_time or poses.measured.campaigns or like_a_scan(poses):
+    if not tried or not may_show_changes(poses):
         return ()
     rows = rows.take(spread_over_time(poses, MOTION.most_readings))
     first_s, last_s = context.time_span_s

@@ -204,17 +204,17 @@ def identify_beyond(
 
     Args:
         possible: (k,) sizes thought possible of the parameters.
-        noise: standard deviation of a row.
+        noise: standard deviation of a row; 0 leaves out no direction that has any effect.
     """
     exact = identify(jacobian, scale)
+    if not noise:
+        return exact
     _, values, right = np.linalg.svd(triangle_of(jacobian * possible))
     values = np.append(values, np.zeros(len(scale) - len(values)))
     hardly_shown = right[values < noise].T * (possible / scale)[:, None]
     if hardly_shown.shape[1] <= exact.null_space.shape[1]:
         return exact
-    # In the basis that is the identity on the pivot rows, directions have few parameters.
-    _, _, order = qr(hardly_shown.T, pivoting=True, mode="economic")
-    sparse = hardly_shown @ np.linalg.inv(hardly_shown[order[: hardly_shown.shape[1]]])
+    sparse, _ = _in_few_parameters(hardly_shown)
     sparse[np.abs(sparse) < PARAMETERS.hardly_part] = 0.0
     null_space, _ = np.linalg.qr(sparse)
     rank = len(scale) - null_space.shape[1]
@@ -222,6 +222,13 @@ def identify_beyond(
     beside = beside - (beside @ null_space) @ null_space.T
     kept = np.linalg.svd(triangle_of(beside), compute_uv=False)[:rank]
     return replace(exact, rank=rank, null_space=null_space, condition=float(kept[0] / kept[-1]))
+
+
+def _in_few_parameters(basis: Array) -> tuple[Array, Index]:
+    """Return a basis (k, r) of the same space that is the identity on r pivot rows, and these."""
+    _, _, order = qr(basis.T, pivoting=True, mode="economic")
+    pivots = np.asarray(order[: basis.shape[1]], dtype=np.intp)
+    return np.asarray(basis @ np.linalg.inv(basis[pivots])), pivots
 
 
 def unidentified_directions(
@@ -234,15 +241,12 @@ def unidentified_directions(
         relative to the first.
     """
     basis = identifiability.null_space
-    count = basis.shape[1]
-    if count == 0:
+    if not basis.shape[1]:
         return ()
-    # In the basis that is the identity on the pivot rows, directions have few parameters.
-    _, _, order = qr(basis.T, pivoting=True, mode="economic")
-    basis = basis @ np.linalg.inv(basis[order[:count]])
+    basis, pivots = _in_few_parameters(basis)
     scale = np.array([parameter.scale for parameter in parameters])
     directions = []
-    for column, pivot in zip(basis.T, order[:count], strict=True):
+    for column, pivot in zip(basis.T, pivots, strict=True):
         weights = column * scale / scale[pivot]
         members = np.flatnonzero(np.abs(column) > PARAMETERS.no_part)
         ranked = sorted(members, key=lambda k: (k != pivot, -abs(column[k])))

@@ -228,6 +228,11 @@ def like_a_scan(poses: Observations) -> bool:
     return float(slow_joints(poses.states).mean()) > ORDER.scan_share
 
 
+def may_show_changes(poses: Observations) -> bool:
+    """Return whether poses of one campaign tell a change in time from one by the place."""
+    return poses.states.tells_time and not poses.measured.campaigns and not like_a_scan(poses)
+
+
 def spread_over_time(poses: Observations, most: int) -> Index:
     """Return at most `most` row numbers in order of time, evenly spread."""
     order = np.argsort(poses.states.time_s, kind="stable")
