@@ -27,8 +27,14 @@ from pa10cal.campaign.description import (
 )
 from pa10cal.campaign.joint_positions import connected_groups, same_commands
 from pa10cal.campaign.raw_rows import Quarantined
-from pa10cal.campaign.screens import HELD, OFF_MODEL, OFF_REPEATS, OTHER_COMMAND, OUT_OF_REACH
-from pa10cal.campaign.stands import with_stands_averaged
+from pa10cal.campaign.screens import (
+    HELD,
+    OFF_MODEL,
+    OFF_REPEATS,
+    OTHER_COMMAND,
+    OUT_OF_REACH,
+    STAND_DISAGREES,
+)
 from pa10cal.campaign.table import arm_of
 from pa10cal.campaign.target_labels import EXCHANGED, NOT_RIGID
 from pa10cal.campaign.touched import read_touched
@@ -47,7 +53,7 @@ LINES = ("line_x", "line_y")
 #: stated are held out to leave so many.
 POSES_TO_SEARCH, _LEAST_HELD_OUT = 100, 1
 #: Reasons of readings that are wrong. Rows quarantined for other reasons are merely missing.
-_WRONG = (OFF_REPEATS, OFF_MODEL, NOT_RIGID, OUT_OF_REACH, OTHER_COMMAND)
+_WRONG = (OFF_REPEATS, STAND_DISAGREES, OFF_MODEL, NOT_RIGID, OUT_OF_REACH, OTHER_COMMAND)
 
 
 @dataclass(frozen=True)
@@ -161,7 +167,7 @@ def read_campaign(
         )
     read = read_touched if instrument.from_touches else read_tracked
     ingested = read(description, arm, folder, options)
-    (every, stand_notes), warnings = with_stands_averaged(ingested.observations), ingested.warnings
+    every, warnings = ingested.observations, ingested.warnings
     places = places_of(every, arm.prismatic, description.repeat_tolerance_deg)
     holdout_notes: tuple[str, ...] = ()
     if description.holdout is None:
@@ -191,7 +197,7 @@ def read_campaign(
         arm_of(description, folder, every, arm),
         every,
         tuple(sorted(ingested.quarantined)),
-        (*ingested.notes, *stand_notes, *holdout_notes, *arm_notes, *time_notes, *missing),
+        (*ingested.notes, *holdout_notes, *arm_notes, *time_notes, *missing),
         warnings,
     )
 

@@ -49,6 +49,8 @@ SCALE_RATIO = 5.0
 
 OUT_OF_REACH = "further from the other positions than the arm reaches"
 OFF_REPEATS = "far from the other readings of this pose and load"
+OFF_STAND = "far from the other readings of this stand, in which the arm did not move"
+STAND_DISAGREES = "the readings of this stand, in which the arm did not move, contradict each other"
 OFF_MODEL = "far from where the joint angles put the end-effector"
 HELD = (
     "repeats the reading of the row before, though the arm moved: the instrument held its last one"

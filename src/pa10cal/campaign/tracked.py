@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
@@ -31,7 +32,14 @@ from pa10cal.campaign.joint_positions import (
     with_labels,
 )
 from pa10cal.campaign.raw_file import RawFile
-from pa10cal.campaign.raw_rows import Exclusions, Ingested, Quarantined, RawRows, quarantined
+from pa10cal.campaign.raw_rows import (
+    Exclusions,
+    Ingested,
+    Quarantined,
+    RawRows,
+    configurations,
+    quarantined,
+)
 from pa10cal.campaign.rounded_joints import (
     axes_in_counts,
     axes_in_decimals,
@@ -41,6 +49,7 @@ from pa10cal.campaign.rounded_joints import (
     with_rounding,
 )
 from pa10cal.campaign.screens import refuse_too_many
+from pa10cal.campaign.stands import StandsAveraged, with_stands_averaged
 from pa10cal.campaign.tracked_screens import Screen
 from pa10cal.campaign.two_logs import TwoLogs
 from pa10cal.errors import CalibrationError
@@ -97,10 +106,13 @@ def read_tracked(
     payload = description.payload(arm)
     readings, rounded_to = with_rounding(corrected.readings, beside_counts, arm, payload)
     readings = _uncertain_as_joints(readings, Chain.of(arm))
+    averaged = with_stands_averaged(readings)
+    listed += _left_out_of_stands(averaged, readings, raw.file, screen.line)
+    refuse_too_many_lost()
     instrument_notes = description.instrument.type.raw_notes(columns, description.stated)
     notes = [*raw.notes, *notes_on_counts(counts_per_turn), *instrument_notes, *corrected.notes]
     torques = notes_on_torques(readings.states, arm, gravity=any(description.gravity_m_s2))
-    notes += [*torques, *_notes_on_temperatures(readings.states)]
+    notes += [*torques, *_notes_on_temperatures(readings.states), *averaged.notes]
     warnings = [
         *screens.count_warnings(description.configurations, logged_count, raw.file),
         *screen.warnings,
@@ -116,7 +128,21 @@ def read_tracked(
             f"{', '.join(unplaced)}: if these are the same targets, rename them in tool.balls_mm "
             "or in the columns"
         )
-    return Ingested(readings, tuple(listed), tuple(notes), tuple(warnings), "time_s" in file.names)
+    timed = "time_s" in file.names
+    return Ingested(averaged.readings, tuple(listed), tuple(notes), tuple(warnings), timed)
+
+
+def _left_out_of_stands(
+    averaged: StandsAveraged, readings: Observations, file: str, line: NDArray[np.int64]
+) -> list[Quarantined]:
+    """List the readings (P,), of lines of a file, that are in no mean of their stand."""
+    left_out: list[Quarantined] = []
+    for reason in (screens.OFF_STAND, screens.STAND_DISAGREES):
+        rows = averaged.why_left_out == reason
+        values = [f"{1e3 * off_m:.3g} mm off the median" for off_m in averaged.off_m[rows]]
+        where = configurations(readings.take(rows))
+        left_out += quarantined(file, line[rows], reason, values, where)
+    return left_out
 
 
 def _optional_columns(measured: RawColumns, base_names: tuple[str, ...], arm: Arm) -> list[str]:
