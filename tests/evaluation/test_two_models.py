@@ -16,6 +16,7 @@ from mended import write_simulated
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.coupling import CoupledJoint
 from pa10cal.arm.description import Controller
+from pa10cal.arrays import homogeneous
 from pa10cal.errors import ModelError
 from pa10cal.evaluation import two_models
 from pa10cal.files.arms import parse_arm
@@ -269,4 +270,10 @@ def test_arms_of_another_layout_are_refused():
     longer = replace(other.arm, d_m=other.arm.d_m + np.array([0.0, 0.0, 0.0, 0.01, 0.0, 0.0]))
     other = replace(other, model=replace(other.model, chain=replace(chain, arm=longer)))
     with pytest.raises(ModelError, match=r"d_m of row 4: 0.48 and 0.49.*the same arm"):
+        pa10cal.compare(campaign(1), other)
+    turn = Rotation.from_euler("z", 30.0, degrees=True)
+    turned = homogeneous(turn.as_matrix(), np.array([0.2, 0.0, 0.0]))
+    raised = replace(chain.arm, T_base_row1=turned @ chain.arm.T_base_row1)
+    other = replace(other, model=replace(other.model, chain=replace(chain, arm=raised)))
+    with pytest.raises(ModelError, match=r"T_base_row1: [\d.]+ mm and 30 deg apart"):
         pa10cal.compare(campaign(1), other)

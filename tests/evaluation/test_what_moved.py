@@ -18,11 +18,28 @@ from pa10cal.evaluation.what_moved import drift, what_moved
 from pa10cal.figures import draw
 from pa10cal.figures.draw import write_drift
 from pa10cal.files.arms import load_arm
+from pa10cal.options import Tolerances
+from pa10cal.terms.effects.joint import (
+    GearLine,
+    JointCompliance,
+    JointCoupling,
+    PeriodicError,
+    SoftWindup,
+    TransmissionError,
+)
+from pa10cal.terms.effects.joint_error_map import FadingPrior, GearError
 from pa10cal.terms.effects.structure import LinkTorsion, ToolSag
 from pa10cal.terms.field import Field
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
-from pa10cal.terms.offsets import base_frame, motion_of_base, tool_frame
+from pa10cal.terms.offsets import (
+    Offsets,
+    base_frame,
+    link_departures,
+    motion_of_base,
+    tool_frame,
+)
+from pa10cal.terms.term import TermParameter
 from pa10cal.terms.wrapped import OfCampaign
 from pa10cal_lab.simulated import measure, observations_of, payload_of_individual
 
@@ -250,7 +267,150 @@ def test_of_models_without_a_common_term_of_the_arm_only_base_and_tool_differ():
     frames = model.only(*(term for term in model.model.terms if "tool" in term.roles))
     found = differences(model, frames)
     assert (found.terms, len(found.x), len(found.values)) == ((), 0, 12)
-    assert what_moved(frames, frames).verdict == "unchanged"
+    moved = what_moved(frames, frames)
+    assert (moved.verdict, moved.dof) == ("not_comparable", 0)
+    assert moved.line.startswith("not comparable: both fits identify no common parameter")
+
+
+# What is the same in both models, and what cannot be compared.
+
+
+SPRING = JointSpring(2, 80.0)
+
+
+def with_effect(seed, *effects, x=(), spring=SPRING):
+    """Return a campaign's model with effects of these amounts, one row of `x` each."""
+    model = campaign(seed, terms=lambda arm: (*parts(arm)[::2], spring, *effects))
+    values = model.x.copy()
+    for effect, amounts in zip(effects, x, strict=True):
+        values[model.model.parameter_indices(effect)] = amounts
+    return replace(model, x=values)
+
+
+SAME = [
+    (SoftWindup("joint 2", 100.0, 50.0), SoftWindup("joint 2", 100.0, 50.1), (1e-4, 10.0)),
+    (GearLine("joint 2", 100.0), GearLine("joint 2", 100.1), (1e-4, 0.0, 100.0)),
+    (JointCompliance("joint 2", 100.0), JointCompliance("joint 2", 90.0), (1e-6,)),
+    (
+        GearError("joint 2", 12),
+        replace(GearError("joint 2", 12), spectrum=FadingPrior(1e-4, 3.0)),
+        (1e-5,) * 12,
+    ),
+]
+
+
+@pytest.mark.parametrize(("first", "second", "x"), SAME, ids=lambda each: getattr(each, "id", None))
+def test_an_effect_is_the_same_whatever_its_campaign_says_of_range_and_size(first, second, x):
+    larger = np.multiply(x, 9.0) if len(x) == 12 else np.array([9.0 * x[0], *x[1:]])
+    found = what_moved(with_effect(1, first, x=[x]), with_effect(2, second, x=[larger]))
+    assert (f"{first.id} of joint 2", found.not_compared) == (found.moved[0].of, ())
+    plausible = what_moved(
+        with_effect(1), with_effect(2, spring=replace(SPRING, plausible_rad=1e-3))
+    )
+    assert (plausible.verdict, plausible.not_compared) == ("unchanged", ())
+
+
+UNLIKE = [
+    (PeriodicError("joint 2", 3.0), PeriodicError("joint 2", 5.0), (3e-4, 0.0)),
+    (TransmissionError("joint 2", 200.0), TransmissionError("joint 2", 320.0), (3e-4, 0.0)),
+    (GearLine("joint 2", 40.0), GearLine("joint 2", 100.0), (3e-4, 0.0, 40.0)),
+    (JointCoupling("joint 3", 2, False), JointCoupling("joint 3", 1, False), (1e-3,)),
+]
+
+
+@pytest.mark.parametrize(("first", "second", "x"), UNLIKE)
+def test_unlike_effects_of_one_name_are_not_compared_and_that_is_told(first, second, x):
+    name = f"{first.id} of {first.of}"
+    found = what_moved(with_effect(1, first, x=[x]), with_effect(2, second, x=[x]))
+    assert (found.verdict, found.not_compared, found.only_in_one) == ("unchanged", (name,), ())
+    assert found.line == f"unchanged as far as compared; not compared: {name}"
+    over_time = drift([with_effect(1, first, x=[x]), with_effect(2, second, x=[x])], NAMES[:2])
+    assert over_time.line == f"june to july: {found.line}"
+
+
+def test_springs_of_unlike_forms_and_of_one_model_alone_are_told():
+    model, linear = with_effect(1), replace(SPRING, cubic=False)
+    columns = model.model.parameter_indices(SPRING)
+    at = np.delete(np.arange(len(model.covariance)), columns[1])
+    terms = tuple(linear if term == SPRING else term for term in model.model.terms)
+    of_linear = replace(
+        model,
+        model=Model(model.model.chain, terms),
+        x=np.delete(model.x, columns[1]),
+        covariance=model.covariance[np.ix_(at, at)],
+    )
+    softer = shifted(of_linear, windup_2=0.5 * of_linear.x[columns[0]])
+    found = what_moved(model, softer)
+    assert found.line == "unchanged as far as compared; not compared: joint_spring of joint 2"
+    rigid = model.only(*(term for term in model.model.terms if term != SPRING))
+    found = what_moved(model, rigid)
+    assert found.line == "unchanged as far as compared; in one model alone: joint_spring of joint 2"
+    assert found.only_in_one == ("joint_spring of joint 2",)
+
+
+def without_variance(model, *names):
+    """Return the model without uncertainty of some parameters; of the base where none is named."""
+    held = [parameter.name in names for parameter in model.model.parameters]
+    held = np.flatnonzero([*held, *[not names] * 6])
+    covariance = model.covariance.copy()
+    covariance[held] = covariance[:, held] = 0.0
+    return replace(model, covariance=covariance)
+
+
+def test_parameters_that_differ_without_uncertainty_are_not_compared():
+    model = campaign(1)
+    other = without_variance(shifted(campaign(1), delta_a_2=1e-3), "delta_a_2")
+    found = what_moved(without_variance(model, "delta_a_2"), other)
+    assert found.line == "unchanged as far as compared; not compared: delta_a_2"
+    kept = {parameter.name for parameter in model.model.parameters} - {"delta_a_2"}
+    alone = [parameter.name == "delta_a_2" for parameter in model.model.parameters]
+    at = np.flatnonzero(~np.array([*alone, *[False] * 6]))
+    without = replace(
+        model,
+        model=model.model.only(kept),
+        x=model.x[at[:-6]],
+        covariance=model.covariance[np.ix_(at, at)],
+    )
+    assert what_moved(without, other).not_compared == ("delta_a_2",)
+    of_zero = replace(other, x=np.where(alone, 0.0, other.x))
+    assert what_moved(without, of_zero).not_compared == ()
+
+
+def with_target(seed, z_m):
+    model = campaign(seed, terms=lambda arm: parts(arm)[:-1])
+    return replace(model, targets_m=np.array([0.0, 0.0, z_m]), target_names=("a",))
+
+
+def test_targets_without_uncertainty_and_those_beside_a_tool_are_not_compared():
+    first, second = with_target(1, 0.1), with_target(2, 0.15)
+    assert what_moved(first, second).verdict == "base_or_tool_moved"
+    found = what_moved(*map(without_variance, (first, second)))
+    assert (found.verdict, found.not_compared) == ("unchanged", ("target_a_z",))
+    assert what_moved(campaign(1), second).not_compared == ("tool or targets",)
+
+
+def test_a_tool_of_one_coordinate_moved_by_an_amount():
+    height = Offsets((TermParameter("tool_z", "m", 1e-3),), ("tool.z",), of="tool")
+    model = campaign(1, terms=lambda arm: (link_departures(arm, Tolerances()), height))
+    found = what_moved(model, shifted(model, tool_z=3e-3))
+    (tool,) = found.moved
+    assert (tool.kind, tool.unit, tool.by) == ("tool", "m", pytest.approx(3e-3, rel=1e-2))
+
+
+def test_models_that_rest_on_the_same_readings_are_told():
+    june, july = campaign(1), campaign(2)
+    of_june, of_july = (
+        replace(model, fitted_to=model.fitted_to.model_copy(update={"readings": (text,)}))
+        for model, text in ((june, "1"), (july, "2"))
+    )
+    assert not what_moved(of_june, of_july).same_readings
+    about = of_july.fitted_to.model_copy(
+        update={"readings_of_prior": of_june.fitted_to.all_readings}
+    )
+    found = what_moved(of_june, replace(of_july, fitted_to=about))
+    assert found.same_readings
+    assert found.line.startswith("unchanged as far as compared; both models rest on the same")
+    assert about.all_readings == ("2", "1")
 
 
 # The parameters of one arm over several campaigns.

@@ -480,7 +480,7 @@ def _comparison_lines(comparison: ComparisonRecord) -> Iterator[str]:
     yield comparison.line
     if comparison.what_moved is not None:
         yield f"between both campaigns: {comparison.what_moved.line}"
-        if comparison.what_moved.verdict != "unchanged":
+        if comparison.what_moved.verdict not in ("unchanged", "not_comparable"):
             yield (
                 "if the robot was hit or mended in between, the first model as a prior needs fewer "
                 "poses of the second campaign: pa10cal run CAMPAIGN --prior "
@@ -499,8 +499,8 @@ def drift(models: tuple[Path, ...], *, out: Path, figures: Path | None = None) -
 
     Args:
         models: model.yaml of every campaign, or the results that hold it, in order of time.
-        out: every parameter with its interval, and what moved from each campaign to the next, to
-            write (.json).
+        out: every parameter that poses determine with its interval, but for curves of more than 24
+            parameters, and what moved from each campaign to the next, to write (.json).
         figures: folder for a figure of the same name.
 
     Examples:

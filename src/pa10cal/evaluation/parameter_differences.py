@@ -1,13 +1,14 @@
 """Differences of the parameters of two fitted models of one arm, and the covariance of these.
 
 Springs are restated at the same reference torque, and tools compared by their whole orientation.
-Both models are taken on condition that departures which only one of them has are zero. The
-covariance of a `FittedModel` is that of its k parameters, and of six small motions of the base
-after them.
+Both models are taken on condition that departures which only one of them has are zero. What cannot
+be compared is listed. The covariance of a `FittedModel` is that of its k parameters, and of six
+small motions of the base after them.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,12 +21,24 @@ from pa10cal.arrays import Array, Index
 from pa10cal.errors import ModelError
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.rules import COMPARED
-from pa10cal.terms.offsets import is_tool, motion_of_base, small_motion
+from pa10cal.terms.effects.effect import is_effect
+from pa10cal.terms.joint_spring import is_spring
+from pa10cal.terms.offsets import (
+    base_frame,
+    is_tool,
+    motion_of_base,
+    small_motion,
+    tool_frame,
+)
 from pa10cal.terms.term import Term, TermParameter
 
 #: Fields of an arm that define its rigid kinematics: those of each row, and its constant frames.
 _LAYOUT = ("prismatic", "theta_rad", "d_m", "a_m", "alpha_rad", "beta_rad")
 _FRAMES = ("T_base_row1", "T_row_n_ee")
+#: What the tool and targets of a model are called where they are not compared.
+_END = "tool or targets"
+#: Size of a difference of targets [m] (unit).
+_TARGET_SCALE_M = 1e-3
 #: Least share of a variance along a direction that counts as not zero (computing).
 _NO_VARIANCE = 1e-12
 
@@ -44,13 +57,10 @@ def refuse_other_layout(one: Arm, other: Arm, names: tuple[str, str]) -> None:
                 f"{name} of row {row + 1}: {mine[row]:g} and {theirs[row]:g}"
                 for row in np.flatnonzero(~(np.abs(mine - theirs) <= COMPARED.same))
             ]
-        differs += [
-            name
-            for name in _FRAMES
-            if not np.allclose(
-                getattr(one, name), getattr(other, name), rtol=COMPARED.same, atol=COMPARED.same
-            )
-        ]
+        for name in _FRAMES:
+            T_one, T_other = getattr(one, name), getattr(other, name)
+            if not np.allclose(T_one, T_other, rtol=COMPARED.same, atol=COMPARED.same):
+                differs.append(f"{name}: {_apart(T_one, T_other)}")
     if differs:
         more = f", and {len(differs) - 3} more" if len(differs) > 3 else ""
         where = f"{names[0]} ({one.name}), {names[1]} ({other.name})"
@@ -63,30 +73,43 @@ def refuse_other_layout(one: Arm, other: Arm, names: tuple[str, str]) -> None:
         )
 
 
+def _apart(T_one: Array, T_other: Array) -> str:
+    """Return the distance between two frames (4, 4) [m], and the turn between them, in words."""
+    distance_mm = 1e3 * float(np.linalg.norm(T_other[:3, 3] - T_one[:3, 3]))
+    turn_deg = np.degrees(Rotation.from_matrix(T_one[:3, :3].T @ T_other[:3, :3]).magnitude())
+    return f"{distance_mm:.4g} mm and {turn_deg:.4g} deg apart"
+
+
 @dataclass(frozen=True, eq=False)
 class Differences:
-    """What two models differ by, in the parameters that both have."""
+    """What two models differ by: k values, of the arm, of tool or targets, and of the base."""
 
     terms: tuple[Term, ...]  # of the arm, those of the first model that the second has too
     x: Array  # (s,) their parameters in the first model
-    # (k,) second less first: those s; the tool, or positions of targets [m] where there is no tool;
-    # the six motions of the base
-    values: Array
-    covariance: Array  # (k, k) expected of `values`
+    # (k,) of which parameters: those s; the tool's, or positions of targets [m] where there is no
+    # tool; the six motions of the base
+    parameters: tuple[TermParameter, ...]
+    values: Array  # (k,) second less first
+    covariance: Array  # (k, k) expected of `values`; zero where both models have no uncertainty
     # which of the k are of the tool or the targets, and which of the base
     tool_or_targets: Index
     base: Index
+    only_in_one: tuple[str, ...]  # springs and effects that one of the models has alone
+    # what may have changed unseen: springs and effects that both models have in unlike forms, tool
+    # or targets that only one of them has, and parameters that differ and have no uncertainty
+    not_compared: tuple[str, ...]
 
     @property
-    def parameters(self) -> list[TermParameter]:
-        """Return the arm's parameters (s,)."""
-        return [parameter for term in self.terms for parameter in term.parameters]
+    def of_arm(self) -> slice:
+        """Return which of the k are of the arm: the first s."""
+        return slice(0, len(self.x))
 
 
 @dataclass(frozen=True, eq=False)
 class _Part:
     """Differences of p parameters: of a term of the arm, of the tool, or of the base."""
 
+    parameters: tuple[TermParameter, ...]  # (p,) as the first model has them
     values: Array  # (p,) second less first
     # (p,) which parameters they are in the first and in the second model
     in_first: Index
@@ -97,88 +120,150 @@ class _Part:
 
 def differences(first: FittedModel, second: FittedModel) -> Differences:
     """Return what two models, both with a covariance, differ by."""
-    only_first, only_second = _free_only_in(first, second), _free_only_in(second, first)
+    only_first, only_second = _departures_only_in(first, second), _departures_only_in(second, first)
+    never_zero = {*_nonzero_held(first, only_first), *_nonzero_held(second, only_second)}
     first, second = _with_zero(first, only_first), _with_zero(second, only_second)
-    of_arm = _arm_differences(first, second)
-    terms = tuple(term for term, _ in of_arm)
+    common = _common_terms(first, second)
+    of_arm = [_term_difference(first, second, *pair) for pair in common]
+    terms = tuple(_common_part(*pair) for pair in common)
     tool, base = _tool_difference(first, second), _base_difference(first, second)
-    targets_m = np.zeros(0) if len(tool.values) else _target_differences(first, second)
-    arm_count = sum(len(part.values) for _, part in of_arm)
+    targets, targets_m = _target_differences(first, second)
+    if tool.parameters:
+        targets, targets_m = (), targets_m[:0]
+    before_targets = [*of_arm, tool]
+    arm_count = sum(len(part.values) for part in of_arm)
     frame_count = len(tool.values) + len(targets_m)
-    covariance = _covariance(first, second, [*(part for _, part in of_arm), tool, base])
+    covariance = _with_targets(
+        _covariance(first, second, [*before_targets, base]), arm_count, len(targets_m)
+    )
+    values = np.concatenate([*(part.values for part in before_targets), targets_m, base.values])
+    parameters = (
+        *(parameter for part in before_targets for parameter in part.parameters),
+        *targets,
+        *base.parameters,
+    )
+    frames = set() if frame_count or not (_has_end(first) or _has_end(second)) else {_END}
+    not_compared = never_zero | frames | _in_unlike_forms(first, second)
+    not_compared |= _differ_without_uncertainty(parameters, values, covariance)
     return Differences(
         terms=terms,
-        x=np.concatenate([np.zeros(0), *(first.x[part.in_first] for _, part in of_arm)]),
-        values=np.concatenate(
-            [*(part.values for _, part in of_arm), tool.values, targets_m, base.values]
-        ),
-        covariance=_with_targets(covariance, arm_count, len(targets_m)),
+        x=np.concatenate([np.zeros(0), *(first.x[part.in_first] for part in of_arm)]),
+        parameters=parameters,
+        values=values,
+        covariance=covariance,
         tool_or_targets=arm_count + np.arange(frame_count),
         base=arm_count + frame_count + np.arange(len(BASE)),
+        only_in_one=tuple(sorted(_springs_and_effects(first) ^ _springs_and_effects(second))),
+        not_compared=tuple(sorted(not_compared)),
     )
 
 
-def _free_only_in(model: FittedModel, other: FittedModel) -> Index:
+# Departures that one model has alone, and the other holds at zero.
+
+
+def _departures_only_in(model: FittedModel, other: FittedModel) -> Index:
     """Return the indices of departures of a model that the other one does not have."""
     of_other = {parameter.name for parameter in other.model.parameters}
-    held = [parameter.name not in of_other for parameter in model.model.parameters]
-    return np.flatnonzero(model.model.having("link", "zero", "tilt") & np.array(held, bool))
+    alone = [parameter.name not in of_other for parameter in model.model.parameters]
+    return np.flatnonzero(model.model.having("link", "zero", "tilt") & np.array(alone, bool))
 
 
-def _with_zero(model: FittedModel, held: Index) -> FittedModel:
-    """Return a model on condition that its departures `held` (h,) are zero.
+def _with_zero(model: FittedModel, departures: Index) -> FittedModel:
+    """Return a model on condition that some of its departures (h,) are zero.
 
     Of the normal distribution of its parameters and of the base's motions: with covariance C the
-    others move by -C_oh C_hh^-1 x_h, and their covariance becomes C_oo - C_oh C_hh^-1 C_ho. A
-    departure without variance stays as it is.
+    others move by -C_oh C_hh^-1 x_h, and their covariance becomes C_oo - C_oh C_hh^-1 C_ho. Those
+    without variance are not conditioned on: see `_nonzero_held`.
     """
     covariance = model.covariance
     assert covariance is not None
-    held = held[np.diag(covariance)[held] > 0.0]
-    if not len(held):
+    free = departures[np.diag(covariance)[departures] > 0.0]
+    if not len(free):
         return model
-    size = np.sqrt(np.diag(covariance)[held])
-    correlation = covariance[np.ix_(held, held)] / np.outer(size, size)
+    size = np.sqrt(np.diag(covariance)[free])
+    correlation = covariance[np.ix_(free, free)] / np.outer(size, size)
     # Departures that are functions of others are conditioned by these already.
     inverse = np.linalg.pinv(correlation, rcond=_NO_VARIANCE, hermitian=True)
-    by_held = covariance[:, held] @ (inverse / np.outer(size, size))
-    step = -by_held @ model.x[held]
+    by_free = covariance[:, free] @ (inverse / np.outer(size, size))
+    step = -by_free @ model.x[free]
     return replace(
         model,
         x=model.x + step[: len(model.x)],
         T_instr_base=model.T_instr_base @ motion_of_base(step[len(model.x) :]),
-        covariance=covariance - by_held @ covariance[held],
+        covariance=covariance - by_free @ covariance[free],
     )
 
 
-def _arm_differences(first: FittedModel, second: FittedModel) -> list[tuple[Term, _Part]]:
-    """Return the terms of the arm that both models have, and what they differ by.
+def _nonzero_held(model: FittedModel, departures: Index) -> set[str]:
+    """Return the names of those departures that are not zero and have no variance.
 
-    A term that is constant adds each of its parameters to a coordinate of the chain, so those that
-    both models have are compared. The parameters of any other term have a meaning only together: it
-    is left out where they differ, such as a spring that is cubic in one model alone. So are
-    weights: they count from those described, of the tool of each campaign among them.
+    Nothing says how the other parameters would be if these were zero.
     """
-    found = []
-    of_second = {(term.id, term.of): term for term in second.model.terms}
-    for term in first.model.terms:
-        other = of_second.get((term.id, term.of))
-        if other is None or "weight" in term.roles or is_tool(term) or not term.stays_with_arm:
-            continue
-        in_first = first.model.parameter_indices(term)
-        in_second = second.model.parameter_indices(other)
-        if term.constant:
-            names = [parameter.name for parameter in other.parameters]
-            common = [k for k, parameter in enumerate(term.parameters) if parameter.name in names]
-            in_other = [names.index(term.parameters[k].name) for k in common]
-            in_first, in_second = in_first[common], in_second[in_other]
-            term = term.only({term.parameters[k].name for k in common})
-        elif term.parameters != other.parameters:
-            continue
-        x_second, restated = term.restated(other, second.x[in_second])
-        part = _Part(x_second - first.x[in_first], in_first, in_second, restated)
-        found.append((term, part))
-    return found
+    assert model.covariance is not None
+    held = departures[(np.diag(model.covariance)[departures] <= 0.0) & (model.x[departures] != 0.0)]
+    return {model.model.parameters[k].name for k in held.tolist()}
+
+
+# Terms of the arm: links, springs and effects.
+
+
+def _of_arm(model: FittedModel) -> list[Term]:
+    """Return the terms of the arm as it is built.
+
+    Without weights: they count from those described, of the tool of each campaign among them.
+    """
+    return [
+        term
+        for term in model.model.terms
+        if term.stays_with_arm and "weight" not in term.roles and not is_tool(term)
+    ]
+
+
+def _common_terms(first: FittedModel, second: FittedModel) -> list[tuple[Term, Term]]:
+    """Return the terms of the arm that both models have, each as either has it."""
+    of_second = _of_arm(second)
+    return [(term, other) for term in _of_arm(first) for other in of_second if term.same_as(other)]
+
+
+def _in_unlike_forms(first: FittedModel, second: FittedModel) -> set[str]:
+    """Return the terms that both models have, in forms whose parameters mean different things."""
+    common = _common_terms(first, second)
+    unmatched_first = {_name(term) for term in _of_arm(first)} - {_name(one) for one, _ in common}
+    return unmatched_first & {_name(term) for term in _of_arm(second)}
+
+
+def _springs_and_effects(model: FittedModel) -> set[str]:
+    return {_name(term) for term in model.model.terms if is_effect(term) or is_spring(term)}
+
+
+def _name(term: Term) -> str:
+    return f"{term.id} of {term.of}"
+
+
+def _common_part(term: Term, other: Term) -> Term:
+    """Return a term with the parameters alone that it is compared in.
+
+    A constant term adds each of its parameters to a coordinate of the chain, so those that both
+    models have are compared. The parameters of any other term have a meaning only together.
+    """
+    if not term.constant:
+        return term
+    return term.only({parameter.name for parameter in other.parameters})
+
+
+def _term_difference(first: FittedModel, second: FittedModel, term: Term, other: Term) -> _Part:
+    """Return the difference of one term of the arm, as either model has it."""
+    names = [[parameter.name for parameter in each.parameters] for each in (term, other)]
+    compared = _common_part(term, other).parameters
+    in_first, in_second = (
+        model.model.parameter_indices(each)[[own.index(parameter.name) for parameter in compared]]
+        for model, each, own in zip((first, second), (term, other), names, strict=True)
+    )
+    x_second, restated = term.restated(other, second.x[in_second])
+    return _Part(compared, x_second - first.x[in_first], in_first, in_second, restated)
+
+
+# Tool, targets and base, which each campaign has of its own.
 
 
 def _tool_difference(first: FittedModel, second: FittedModel) -> _Part:
@@ -189,43 +274,87 @@ def _tool_difference(first: FittedModel, second: FittedModel) -> _Part:
     began, so whole orientations are compared. The difference is a rotation vector along axes of the
     end-effector, and stands for that of the angles, which are small.
     """
-    places_m, orientations, indices_of = [], [], []
-    for model in (first, second):
-        term = next((term for term in model.model.terms if is_tool(term)), None)
-        if term is None or term.holds == "campaign":
-            none = np.zeros(0, dtype=np.intp)
-            return _Part(np.zeros(0), none, none, np.eye(0))
-        indices = model.model.parameter_indices(term)
-        values = dict(zip(term.coordinates, model.x[indices], strict=True))
-        motion = np.array([values.get(name, 0.0) for name in TOOL])
-        turn = Rotation.from_euler("XYZ", motion[3:])
-        places_m.append(motion[:3])
-        orientations.append(turn * Rotation.from_matrix(model.R_ee_target))
-        indices_of.append(dict(zip(term.coordinates, indices, strict=True)))
-    turned_rad = (orientations[1] * orientations[0].inv()).as_rotvec()
-    difference = np.concatenate([places_m[1] - places_m[0], turned_rad])
-    common = [k for k, name in enumerate(TOOL) if all(name in each for each in indices_of)]
+    one, other = _tool_of(first), _tool_of(second)
+    if one is None or other is None:
+        none = np.zeros(0, dtype=np.intp)
+        return _Part((), np.zeros(0), none, none, np.eye(0))
+    turned_rad = (other.orientation * one.orientation.inv()).as_rotvec()
+    difference = np.concatenate([other.position_m - one.position_m, turned_rad])
+    common = [k for k, name in enumerate(TOOL) if name in one.index and name in other.index]
     in_first, in_second = (
-        np.array([each[TOOL[k]] for k in common], dtype=np.intp) for each in indices_of
+        np.array([tool.index[TOOL[k]] for k in common], dtype=np.intp) for tool in (one, other)
     )
-    return _Part(difference[common], in_first, in_second, np.eye(len(common)))
+    parameters = tuple(tool_frame().parameters[k] for k in common)
+    return _Part(parameters, difference[common], in_first, in_second, np.eye(len(common)))
+
+
+@dataclass(frozen=True, eq=False)
+class _Tool:
+    """The tool of a model, one for all its poses."""
+
+    position_m: Array  # (3,) its departure from the end of the chain
+    orientation: Rotation  # in the end-effector
+    index: dict[str, int]  # index of its parameters in the model, by coordinates of the chain
+
+
+def _tool_of(model: FittedModel) -> _Tool | None:
+    """Return the tool of a model; None where it has none, or one for each campaign."""
+    term = next((term for term in model.model.terms if is_tool(term)), None)
+    if term is None or term.holds == "campaign":
+        return None
+    index = dict(zip(term.coordinates, model.model.parameter_indices(term).tolist(), strict=True))
+    motion = np.array([model.x[index[name]] if name in index else 0.0 for name in TOOL])
+    turn = Rotation.from_euler("XYZ", motion[3:])
+    return _Tool(motion[:3], turn * Rotation.from_matrix(model.R_ee_target), index)
+
+
+def _has_end(model: FittedModel) -> bool:
+    """Return whether a model has a tool, or targets."""
+    return len(model.targets_m) > 0 or any(is_tool(term) for term in model.model.terms)
 
 
 def _base_difference(first: FittedModel, second: FittedModel) -> _Part:
     """Return the six small motions of the base from the first model to the second [m, rad]."""
     motion = small_motion(np.linalg.inv(first.T_instr_base) @ second.T_instr_base)
     six = np.arange(len(BASE))
-    return _Part(motion, len(first.x) + six, len(second.x) + six, np.eye(len(BASE)))
+    parameters = base_frame().parameters
+    return _Part(parameters, motion, len(first.x) + six, len(second.x) + six, np.eye(len(BASE)))
 
 
-def _target_differences(first: FittedModel, second: FittedModel) -> Array:
-    """Return the differences of targets that both models name, x, y, z of each [m]."""
+def _target_differences(
+    first: FittedModel, second: FittedModel
+) -> tuple[tuple[TermParameter, ...], Array]:
+    """Return x, y and z of the targets that both models name, and their differences [m]."""
     in_first, in_second = (
         dict(zip(model.target_names, model.targets_m.reshape(-1, 3), strict=True))
         for model in (first, second)
     )
     common = [name for name in in_first if name in in_second]
-    return np.concatenate([np.zeros(0), *(in_second[name] - in_first[name] for name in common)])
+    parameters = tuple(
+        TermParameter(f"target_{name}_{axis}", "m", _TARGET_SCALE_M)
+        for name in common
+        for axis in "xyz"
+    )
+    by_m = [in_second[name] - in_first[name] for name in common]
+    return parameters, np.concatenate([np.zeros(0), *by_m])
+
+
+# Covariance of the differences.
+
+
+def _differ_without_uncertainty(
+    parameters: Sequence[TermParameter], values: Array, covariance: Array
+) -> set[str]:
+    """Return the names of parameters (k,) that differ, and of which neither model has a variance.
+
+    The base's are none of them: readings that do not show the base in some direction leave it as it
+    was described.
+    """
+    count = len(values) - len(BASE)
+    scale = np.array([parameter.scale for parameter in parameters[:count]])
+    differ = np.abs(values[:count]) > COMPARED.same * scale
+    unknown = np.diag(covariance)[:count] <= 0.0
+    return {parameters[k].name for k in np.flatnonzero(differ & unknown).tolist()}
 
 
 def _covariance(first: FittedModel, second: FittedModel, parts: list[_Part]) -> Array:
@@ -244,11 +373,13 @@ def _with_targets(covariance: Array, arm_count: int, target_count: int) -> Array
 
     A model does not keep their covariance. They are assumed to be known better than the base, which
     is further away: its largest variance of a position stands for theirs. A target that was seen in
-    few poses may be known worse; then its noise may pass for a tool that moved.
+    few poses may be known worse; then its noise may pass for a tool that moved. Without a variance
+    of the base they have none either.
     """
     targets = arm_count + np.arange(target_count)
     whole = np.zeros((len(covariance) + target_count,) * 2)
     others = np.delete(np.arange(len(whole)), targets)
     whole[np.ix_(others, others)] = covariance
-    whole[targets, targets] = np.diag(covariance)[-6:-3].max()
+    of_base_m2 = np.diag(covariance)[-len(BASE) :][:3]
+    whole[targets, targets] = of_base_m2.max()
     return whole

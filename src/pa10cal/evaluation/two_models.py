@@ -19,7 +19,7 @@ from scipy.special import chdtrc
 from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Array, rms
 from pa10cal.evaluation.parameter_differences import refuse_other_layout
-from pa10cal.evaluation.what_moved import what_moved
+from pa10cal.evaluation.what_moved import NOTHING_OF_ARM, what_moved
 from pa10cal.fit.fitted import FLANGE, TOOL_FRAME, Fitted, predicting_model
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.forward import Forward, states_at
@@ -65,7 +65,7 @@ def compare_models(
     else:
         agree, line = None, _no_common_angles(common)
     found = what_moved(first, second)
-    if agree and found is not None and found.verdict not in ("unchanged", "base_or_tool_moved"):
+    if agree and found is not None and found.verdict not in NOTHING_OF_ARM:
         line += "; a part of the arm moved, which changes poses by less than that"
     return results.ComparisonRecord(
         first=_about(first, second, names[0]),

@@ -1,9 +1,10 @@
 """What moved in an arm from campaign to campaign, by fitted models and their covariances.
 
 Links, springs and effects that both models have are compared as they are solved; base and tool
-differ from campaign to campaign, and are reported apart. Differences are expected to scatter with
-the sum of both covariances; a part that moved adds variance along its own directions, and the
-evidence for that decides (`fit.moved`). Over several campaigns this is the drift of the arm.
+differ from campaign to campaign, and are reported apart. What could not be compared is listed, and
+is part of the sentence. Differences are expected to scatter with the sum of both covariances; a
+part that moved adds variance along its own directions, and the evidence for that decides
+(`fit.moved`). Over several campaigns this is the drift of the arm.
 """
 
 from __future__ import annotations
@@ -39,8 +40,14 @@ from pa10cal.terms.term import Term
 _FRAMES = {BASE_MOVED, TOOL_MOVED}
 #: Verdicts where parts of one kind moved and nothing else in the arm.
 _VERDICTS = {JOINT_ZERO: "joint_zero_moved", STIFFNESS: "stiffness_changed"}
+#: Verdicts by which nothing of the arm itself is known to have moved.
+NOTHING_OF_ARM = ("unchanged", "base_or_tool_moved", "not_comparable")
+#: What of a place moved, by kind.
+_OF_PLACE = {JOINT_ZERO: "the zero of ", STIFFNESS: "the windup of "}
 #: A millimetre and a milliradian (unit).
 _UNIT = 1e-3
+#: Factor and unit by which values of a unit are shown; others stay as they are (unit).
+_SHOWN_IN = {"rad": (1e3, "mrad"), "m": (1e3, "mm"), "1": (1e2, "%")}
 
 
 def what_moved(first: FittedModel, second: FittedModel) -> WhatMoved | None:
@@ -49,39 +56,56 @@ def what_moved(first: FittedModel, second: FittedModel) -> WhatMoved | None:
         return None
     found = differences(first, second)
     possible = _possible(first, found)
-    known = np.diag(found.covariance) > 0.0
-    precision = np.zeros_like(found.covariance)
-    precision[np.ix_(known, known)] = np.linalg.inv(found.covariance[np.ix_(known, known)])
-    disagreement = Gaussian.of_products(precision, precision @ found.values)
+    disagreement = _disagreement(found)
     moved = sought(disagreement, possible)
     things = tuple(
         _thing(part, moved, possible, disagreement, found)
         for part in moved
         if part.what.kind != MODEL_ERROR
     )
-    factor = 1.0 + sum(part.size**2 for part in moved if part.what.kind == MODEL_ERROR)
-    verdict = _verdict(moved)
+    variance_factor = 1.0 + sum(part.size**2 for part in moved if part.what.kind == MODEL_ERROR)
     square, dof = _chi_square(found)
-    effects_1, effects_2 = (
-        {f"{term.id} of {term.of}" for term in model.model.terms_of("effect")}
-        for model in (first, second)
-    )
+    verdict = _verdict(moved) if dof else "not_comparable"
+    same_readings = _same_readings(first, second)
+    reservations = _reservations(found, same_readings)
     return WhatMoved(
         verdict=verdict,
         chi_square=square,
         dof=dof,
         chance=float(chdtrc(dof, square)) if dof else 1.0,
-        factor=factor,
+        factor=variance_factor,
         moved=things,
-        only_in_one=tuple(sorted(effects_1 ^ effects_2)),
-        line=_line(verdict, things, factor),
+        only_in_one=found.only_in_one,
+        not_compared=found.not_compared,
+        same_readings=same_readings,
+        line=_line(verdict, things, variance_factor, reservations),
     )
+
+
+def _disagreement(found: Differences) -> Gaussian:
+    """Return the differences (k,) as a Gaussian of precision zero along those without variance.
+
+    Those parameters are held in both models, so their difference says nothing.
+    """
+    known = np.diag(found.covariance) > 0.0
+    precision = np.zeros_like(found.covariance)
+    precision[np.ix_(known, known)] = np.linalg.inv(found.covariance[np.ix_(known, known)])
+    return Gaussian.of_products(precision, precision @ found.values)
+
+
+def _same_readings(first: FittedModel, second: FittedModel) -> bool:
+    """Return whether some readings are of both fits, or of the priors of these."""
+    in_first, in_second = (
+        set() if model.fitted_to is None else {*model.fitted_to.all_readings}
+        for model in (first, second)
+    )
+    return not in_first.isdisjoint(in_second)
 
 
 def _possible(first: FittedModel, found: Differences) -> tuple[Hypothesis, ...]:
     """Return the hypotheses: one for every part of the arm, for its base and its tool."""
     arm_count, count = len(found.x), len(found.values)
-    covariance = found.covariance[:arm_count, :arm_count]
+    covariance = found.covariance[found.of_arm, found.of_arm]
     of_arm = [
         replace(each, directions=np.pad(each.directions, ((0, count - arm_count), (0, 0))))
         for each in hypotheses(first.arm, found.terms, found.x, covariance)
@@ -110,42 +134,69 @@ def _chi_square(found: Differences) -> tuple[float, int]:
     Along directions that both fits identify: eigenvectors of the covariance in units of the
     parameters' scales.
     """
-    count = len(found.x)
-    scale = np.array([parameter.scale for parameter in found.parameters])
-    covariance = found.covariance[:count, :count] / np.outer(scale, scale)
+    at = found.of_arm
+    scale = np.array([parameter.scale for parameter in found.parameters[at]])
+    covariance = found.covariance[at, at] / np.outer(scale, scale)
     variances, axes = np.linalg.eigh(covariance)
     identified = (variances > 0.0) & (variances < MOVED.open_scales**2)
-    along = axes[:, identified].T @ (found.values[:count] / scale)
+    along = axes[:, identified].T @ (found.values[at] / scale)
     return float(np.sum(along**2 / variances[identified])), int(np.count_nonzero(identified))
 
 
-#: Factor and unit by which values of a unit are shown; others stay as they are (unit).
-_SHOWN_IN = {"rad": (1e3, "mrad"), "m": (1e3, "mm"), "1": (1e2, "%")}
-
-
-def _line(verdict: str, things: Sequence[MovedThing], factor: float) -> str:
-    """Return the verdict and what moved in one line."""
+def _reservations(found: Differences, same_readings: bool) -> list[str]:
+    """Return why something may have changed that the verdict does not tell, a clause each."""
     clauses = []
+    if found.only_in_one:
+        clauses.append(f"in one model alone: {', '.join(found.only_in_one)}")
+    if found.not_compared:
+        clauses.append(f"not compared: {', '.join(found.not_compared)}")
+    if same_readings:
+        clauses.append(
+            "both models rest on the same readings, as where one was the prior of the other: a "
+            "small change may go unseen"
+        )
+    return clauses
+
+
+def _line(
+    verdict: str,
+    things: Sequence[MovedThing],
+    variance_factor: float,
+    reservations: Sequence[str],
+) -> str:
+    """Return the verdict, what moved and what may have moved unseen in one line."""
+    clauses = []
+    if verdict == "not_comparable":
+        clauses.append("both fits identify no common parameter of links, springs or effects")
     for thing in things:
         clause = f"{thing.of} changed"
         if thing.by is not None and thing.interval95 is not None:
             times, unit = _SHOWN_IN.get(thing.unit, (1.0, thing.unit))
             low, high = (times * end for end in thing.interval95)
-            what = {JOINT_ZERO: "the zero of ", STIFFNESS: "the windup of "}.get(thing.kind, "")
             clause = (
-                f"{what}{thing.of} by {times * thing.by:+.3g} {unit} (95 % interval {low:.3g} to "
-                f"{high:.3g} {unit})"
+                f"{_in_words(thing.kind, thing.of)} by {times * thing.by:+.3g} {unit} "
+                f"(95 % interval {low:.3g} to {high:.3g} {unit})"
             )
         if thing.alternatives:
             clause += f", or {', or '.join(thing.alternatives[:3])}"
         clauses.append(clause)
-    if factor > 1.0:
+    if variance_factor > 1.0:
+        times = np.sqrt(variance_factor)  # of standard uncertainties
         clauses.append(
-            f"links and springs differ by more than noise explains, {np.sqrt(factor):.0f} times, "
-            "as where the models lack an effect"
+            f"links and springs differ by more than noise explains, {times:.2g} times, as where "
+            "the models lack an effect"
         )
     words = verdict.replace("_", " ")
-    return f"{words}: {'; '.join(clauses)}" if clauses else words
+    if reservations and verdict == "unchanged":
+        words += " as far as compared"
+    if clauses:
+        words += f": {'; '.join(clauses)}"
+    return "; ".join([words, *reservations])
+
+
+def _in_words(kind: str, of: str) -> str:
+    """Return what moved, or may have moved, by its kind and place."""
+    return f"{_OF_PLACE.get(kind, '')}{of}"
 
 
 def _thing(
@@ -189,18 +240,18 @@ def _alternatives(
 
     Beside the other parts that moved.
     """
+    remaining = disagreement
     for other in others:
-        disagreement = remaining_disagreement(disagreement, other.directions)
+        remaining = remaining_disagreement(remaining, other.directions)
     gains = {
-        (each.kind, each.of): gain_along(disagreement, each.directions, each.sizes)[0]
+        (each.kind, each.of): gain_along(remaining, each.directions, each.sizes)[0]
         for each in possible
     }
     listed_loss = np.log(len(possible) / MOVED.listed)
     least_gain = max(gains[part.name] - listed_loss, 0.0)
     moved_names = {part.name, *(other.name for other in others)}
-    named = {JOINT_ZERO: "the zero of ", STIFFNESS: "the stiffness of "}
     return tuple(
-        f"{named.get(kind, '')}{of}"
+        _in_words(kind, of)
         for (kind, of), gain in sorted(gains.items(), key=lambda item: -item[1])
         if (kind, of) not in moved_names and kind != MODEL_ERROR and gain > least_gain
     )
@@ -217,8 +268,9 @@ def _estimated_amount(
     (column,) = part.what.columns
     directions = np.hstack([part.what.directions, *(other.directions for other in others)])
     information = directions.T @ disagreement.gram @ directions
-    information += np.diag(np.append(0.0, np.ones(len(information) - 1)))
-    covariance = np.linalg.inv(information)
+    prior_precision = np.ones(len(information))
+    prior_precision[0] = 0.0
+    covariance = np.linalg.inv(information + np.diag(prior_precision))
     size = float(part.what.directions[column, 0])
     by = float((covariance @ (directions.T @ disagreement.projection))[0] * size)
     return by, float(np.sqrt(covariance[0, 0]) * abs(size))
@@ -244,7 +296,7 @@ def drift(models: Sequence[FittedModel], names: Sequence[str]) -> DriftRecord:
     changes = [
         f"{step.first} to {step.second}: {step.what_moved.line}"
         for step in steps
-        if step.what_moved.verdict != "unchanged"
+        if step.what_moved.line != "unchanged"
     ]
     return DriftRecord(
         robot=models[0].arm.name,
@@ -285,7 +337,7 @@ def _refuse_models(models: Sequence[FittedModel], names: Sequence[str]) -> None:
 def _parameter_rows(models: Sequence[FittedModel], names: Sequence[str]) -> DriftRows:
     """Return the parameters of links, springs and effects of all models, with 95 % intervals.
 
-    Without those that no pose determines: they have no uncertainty (0, or nan).
+    Without those that no pose determines, whose uncertainty is 0, and without curves.
     """
     rows = [
         {

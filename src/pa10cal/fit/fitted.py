@@ -66,12 +66,24 @@ class FittedTo(Part):
     # checksums of its readings, one for each load, of a group of each campaign; empty where not
     # known
     readings: tuple[str, ...] = Field((), exclude_if=lambda sums: not sums)
+    # checksums of the readings of the model that was its prior, and of the priors of that; empty
+    # where it had none
+    readings_of_prior: tuple[str, ...] = Field((), exclude_if=lambda sums: not sums)
 
     @classmethod
     def of(
-        cls, poses: Observations, load: str, health: Health, campaign: CampaignIdentity
+        cls,
+        poses: Observations,
+        load: str,
+        health: Health,
+        campaign: CampaignIdentity,
+        prior: FittedTo | None = None,
     ) -> FittedTo:
-        """Return the description of a fit by its poses, its load case and its health."""
+        """Return the description of a fit by its poses, its load case and its health.
+
+        Args:
+            prior: the description of the model that was its prior; None without one.
+        """
         states = poses.states
         logged_C = states.temperature_C[np.isfinite(states.temperature_C)]
         u_q_rad = None
@@ -93,7 +105,13 @@ class FittedTo(Part):
             outliers_show=health.outliers_show,
             loads_N=tuple(map(float, np.unique(states.load_N))),
             readings=reading_checksums(poses),
+            readings_of_prior=() if prior is None else prior.all_readings,
         )
+
+    @property
+    def all_readings(self) -> tuple[str, ...]:
+        """Return the checksums of all readings that it rests on, those of its priors included."""
+        return tuple(dict.fromkeys((*self.readings, *self.readings_of_prior)))
 
     def confirmed(self) -> FittedTo:
         """Return it with departures confirmed: if they alone are suspected, it is incomplete."""

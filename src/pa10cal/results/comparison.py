@@ -75,8 +75,8 @@ class MovedThing(Moved):
 class WhatMoved(record.Part):
     """What moved in an arm between two campaigns."""
 
-    # `unchanged`, `base_or_tool_moved`, `joint_zero_moved`, `stiffness_changed`, or
-    # `something_else`
+    # `unchanged`, `base_or_tool_moved`, `joint_zero_moved`, `stiffness_changed`, `something_else`,
+    # or `not_comparable`, where no direction of the arm is identified by both fits
     verdict: str
     # of the differences of links, springs and effects, along the directions that both fits
     # identify, by the sum of both covariances
@@ -87,7 +87,13 @@ class WhatMoved(record.Part):
     # for what moved
     factor: float
     moved: tuple[MovedThing, ...]  # what moved, the clearest first
-    only_in_one: tuple[str, ...]  # effects that one of the models has alone
+    only_in_one: tuple[str, ...]  # springs and effects that one of the models has alone
+    # what may have changed unseen: springs and effects that both models have in unlike forms, tool
+    # or targets that only one of them has, and parameters that differ and have no uncertainty
+    not_compared: tuple[str, ...] = ()
+    # whether both models rest on the same readings, as where one was the prior of the other: they
+    # then differ by less than is expected, and a small change may go unseen
+    same_readings: bool = False
     line: str  # the same in one sentence
 
 
@@ -117,7 +123,10 @@ class ComparisonRecord(record.Record):
 
 
 class DriftRows(record.Table):
-    """Every parameter of the arm in every campaign that has it."""
+    """Every parameter of links, springs and effects in every campaign that determines it.
+
+    Without terms of more than 24 parameters, which are curves.
+    """
 
     campaign: arrays.LabelColumn  # the campaign
     term: arrays.LabelColumn  # term of the parameter

@@ -44,6 +44,10 @@ class Offsets(Traits):
     def roles(self) -> tuple[Role, ...]:
         return tuple(_ROLES.get(_KIND.split(name)[0], "link") for name in self.coordinates)
 
+    def same_as(self, other: Term) -> bool:
+        """Return whether another term departs the same part; those that both have compare."""
+        return isinstance(other, Offsets) and self.of == other.of
+
     def only(self, names: Collection[str]) -> Offsets:
         """Return the named parameters with their coordinates, in the order of this term."""
         kept = [k for k, parameter in enumerate(self.parameters) if parameter.name in names]

@@ -167,11 +167,7 @@ class Transferred:
 
 
 class InOtherCampaigns(Protocol):
-    """What is asked of the terms of a model that another campaign uses or is compared with.
-
-    By `calibration/general/other_campaign`, `evaluation/parameter_differences` and
-    `evaluation/holdout`.
-    """
+    """What is asked of the terms of a model that another campaign uses or is compared with."""
 
     @property
     def stays_with_arm(self) -> bool:
@@ -185,6 +181,16 @@ class InOtherCampaigns(Protocol):
         """Return the term for another campaign of the arm; None where it does not apply there."""
         return Transferred(self, same_amounts=True) if self.stays_with_arm else None
 
+    def same_as(self: Term, other: Term) -> bool:
+        """Return whether a term of another model is this one, so that its amounts compare.
+
+        By default a term of this kind at this place, of parameters of the same names and units.
+        Ranges, scales and plausible sizes may differ: they are of a campaign. What two models name
+        alike is not the same where it has another form, as waves of another order.
+        """
+        mine, theirs = ([(p.name, p.unit) for p in term.parameters] for term in (self, other))
+        return type(self) is type(other) and self.of == other.of and mine == theirs
+
     def restated(self: Term, other: Term, x: Array) -> tuple[Array, Array]:
         """Return the parameters of `other`, converted to those that this term is solved in.
 
@@ -192,8 +198,8 @@ class InOtherCampaigns(Protocol):
         torques: their parameters compare only about the same one.
 
         Args:
-            other: the same term of another model, of as many parameters.
-            x: (k,) the parameters of `other`.
+            other: the same term of another model, see `same_as`.
+            x: (k,) the parameters of `other`; of a constant term those that both have.
 
         Returns:
             (k,) parameters of this term; (k, k) their derivative by x.

@@ -89,7 +89,8 @@ def general_case(
     full, model, load_N = found.full, found.model, found.grid.states.load_N
     evidence = found.evidence()
     judged = health(evidence)
-    about = FittedTo.of(full.problem.observations, case.load, judged, case.campaign)
+    prior = None if case.prior is None else case.prior.fitted_to
+    about = FittedTo.of(full.problem.observations, case.load, judged, case.campaign, prior)
     of_geometry, of_nominal = found.of_geometry, found.of_nominal
     before = accuracy.summarise_by_load(of_nominal, load_N)
     by_geometry = accuracy.summarise_by_load(of_geometry, load_N)

@@ -6,6 +6,7 @@ The vocabulary is all classes of effects in this package, at all their places.
 from __future__ import annotations
 
 import inspect
+import math
 import pkgutil
 from abc import abstractmethod
 from collections.abc import Callable, Iterable
@@ -21,6 +22,7 @@ from pa10cal.arm.description import Arm, weights_known
 from pa10cal.arm.statics import ObservedTargets, PoseStates, StaticLoads
 from pa10cal.arrays import Array
 from pa10cal.errors import CalibrationError
+from pa10cal.rules import COMPARED
 from pa10cal.terms import effects
 from pa10cal.terms.term import (
     Report,
@@ -103,6 +105,10 @@ _OF_JOINT: dict[str, Callable[[CandidateContext, int], Any]] = {
     "span_Nm": CandidateContext.carried_at,  # largest torque that the joint carried
     "span_rad": CandidateContext.span_at,  # lowest and highest measured angle
 }
+
+
+#: Fields of effects that say how large one is expected to be, or in which range it is sought.
+_RANGES_AND_SIZES = frozenset({"rated_Nm", "span_Nm", "spectrum"})
 
 
 @dataclass(frozen=True)
@@ -247,6 +253,14 @@ class Effect(Traits):
         of_place = self.of in _OF_PLACE
         return Transferred(self, same_amounts=not of_place) if self.stays_with_arm else None
 
+    def same_as(self, other: Term) -> bool:
+        """Return whether an effect of another model is this one: equal but for ranges and sizes."""
+        return super().same_as(other) and all(
+            _same_value(getattr(self, each.name), getattr(other, each.name))
+            for each in fields(self)
+            if each.name not in _RANGES_AND_SIZES
+        )
+
     @property
     def as_scale_of_instrument(self) -> bool:
         """Return whether a wrong scale of the instrument has the same effect.
@@ -307,6 +321,15 @@ class Effect(Traits):
     def size(self, x: Array) -> float:
         """Return the largest of linear parameters (l,), in units of their plausible sizes."""
         return float(np.abs(np.linalg.solve(self.prior_factor, x)).max())
+
+
+def _same_value(mine: object, theirs: object) -> bool:
+    """Return whether two values of a field are the same; numbers may be rounded, as in files."""
+    if isinstance(mine, tuple) and isinstance(theirs, tuple):
+        return len(mine) == len(theirs) and all(map(_same_value, mine, theirs))
+    if isinstance(mine, float) and isinstance(theirs, float):
+        return math.isclose(mine, theirs, rel_tol=COMPARED.same, abs_tol=COMPARED.same)
+    return mine == theirs
 
 
 @dataclass(frozen=True)

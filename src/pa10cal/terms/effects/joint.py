@@ -12,7 +12,7 @@ from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.errors import CalibrationError
 from pa10cal.terms.effects import effect
-from pa10cal.terms.term import OPTIONAL, JointTorqueOnly, Report, TermParameter
+from pa10cal.terms.term import OPTIONAL, JointTorqueOnly, Report, Term, TermParameter
 
 #: Largest deflection of a joint under its torque [rad], and why. An assumption: twice the 23 mrad
 #: of the softest arm measured, that of a humanoid with torque sensors in its joints.
@@ -369,6 +369,12 @@ class GearLine(effect.AtJoint):
         parts = (TermParameter(name, "rad", 1e-5, plausible=3e-4) for name in ("sin", "cos"))
         low, high = self.order - 0.5 * self.width, self.order + 0.5 * self.width
         return (*parts, TermParameter("k", "1", 0.01, lower=low, upper=high))
+
+    def same_as(self, other: Term) -> bool:
+        """Return whether another line is this one: k is a parameter, and their ranges overlap."""
+        if not isinstance(other, GearLine) or self.of != other.of:
+            return False
+        return abs(self.order - other.order) < 0.5 * (self.width + other.width)
 
     @property
     def starts(self) -> tuple[Array, ...]:
