@@ -142,9 +142,10 @@ def differences(first: FittedModel, second: FittedModel) -> Differences:
         *targets,
         *base.parameters,
     )
-    frames = set() if frame_count or not (_has_end(first) or _has_end(second)) else {_END}
-    not_compared = never_zero | frames | _in_unlike_forms(first, second)
+    not_compared = never_zero | _in_unlike_forms(first, second)
     not_compared |= _differ_without_uncertainty(parameters, values, covariance)
+    if not frame_count and (_has_end(first) or _has_end(second)):
+        not_compared.add(_END)
     return Differences(
         terms=terms,
         x=np.concatenate([np.zeros(0), *(first.x[part.in_first] for part in of_arm)]),
