@@ -101,7 +101,7 @@ class Measured:
     @cached_property
     def found(self) -> EndOfSearch:
         """What the search came to, of that of the discovery."""
-        return self.discovery.scorer.judgement.found
+        return self.discovery.scorer.judgement.ended
 
     @cached_property
     def discovery(self) -> Verdict[ByRepeats]:

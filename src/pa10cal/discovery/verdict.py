@@ -57,6 +57,9 @@ class Plan:
     # for each pair of effects that the data cannot separate; None where blocks judge and no effect
     # is ambiguous
     separations: tuple[Separation, ...] | None = None
+    # why there are no poses that would separate effects, and what to do; None where there are, or
+    # nothing is to be separated
+    why_none: str | None = None
 
 
 NOTHING_PLANNED = Plan(())

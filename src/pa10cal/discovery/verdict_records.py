@@ -83,6 +83,7 @@ def verdict_keys(found: Verdict, ahead: Plan = NOTHING_PLANNED) -> VerdictKeys:
         falls_back=None if away is None else FallsBack(within=away.within.record, why=away.why),
         suggested_poses=ahead.poses,
         separations=ahead.separations,
+        no_separating_poses=ahead.why_none,
     )
 
 

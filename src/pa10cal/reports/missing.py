@@ -111,8 +111,12 @@ def next_poses(results: ResultsBundle) -> Iterator[PageBlock]:
     if (record := results.verdict) is None:
         yield Callout("missing", results.absent["verdict"])
         return
+    if record.no_separating_poses is not None:
+        why = sentence(record.no_separating_poses)
+        yield Paragraph(f"No further poses are suggested to separate effects. {why}")
     if not record.suggested_poses:
-        yield Paragraph("No further poses are suggested to separate effects.")
+        if record.no_separating_poses is None:
+            yield Paragraph("No further poses are suggested to separate effects.")
         return
     fitted = None if results.calibration is None else results.calibration.fitted_model
     yield _suggested_grid(record.suggested_poses, fitted)

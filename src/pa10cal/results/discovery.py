@@ -465,6 +465,8 @@ class VerdictKeys(record.Part):
     suggested_poses: tuple[SuggestedPose, ...]
     # how far apart the suggested poses are expected to bring each pair
     separations: tuple[Separation, ...] | None = record.optional()
+    # why no poses that would separate effects are suggested, and what to do
+    no_separating_poses: str | None = record.optional()
 
     @property
     def effects_by_share(self) -> tuple[FoundEffect, ...]:

@@ -1,6 +1,7 @@
 """The whole search on made-up campaigns: right names, honest doubt, nothing made of nothing."""
 
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 from typing import ClassVar
 
 import numpy as np
@@ -9,8 +10,12 @@ import pytest
 from made_up_arm import Missing, harmonic, measure
 from made_up_poses import at_rest
 from pa10cal.discovery.discover import discover
+from pa10cal.discovery.evidence import by_repeats
+from pa10cal.discovery.evidence.by_repeats import ByRepeats
 from pa10cal.discovery.evidence.judge import floor_mm
 from pa10cal.discovery.next_poses import unresolved_pairs
+from pa10cal.discovery.nuisances import Jump, Wander
+from pa10cal.discovery.verdict_records import verdict_keys
 from pa10cal.errors import CalibrationError, DiscoveryError
 from pa10cal.terms.effects import effect
 from pa10cal.terms.effects.joint import JointHarmonic
@@ -33,6 +38,40 @@ def said(found):
     )
 
 
+@pytest.mark.parametrize("from_s", [0.0, 1.764e9])
+def test_held_out_poses_move_by_their_own_times_wherever_the_clock_began(from_s):
+    times_s = from_s + 60.0 * np.arange(40)
+    jump = Jump(times_s[20] - 30.0, times_s[19], times_s[20], 1e-3, 1.0)
+    wander = Wander(times_s=times_s, jumps=(jump,), amounts=np.eye(6)[0])
+    states = SimpleNamespace(time_s=times_s, load_N=np.zeros(40))
+    pose = np.array([f"{k // 2:02d}" for k in range(40)])
+    problem = SimpleNamespace(
+        readings=SimpleNamespace(states=states, pose=pose), in_time=SimpleNamespace(wander=wander)
+    )
+    scorer = SimpleNamespace(problem=problem)
+    held_out_s = times_s[-1] + 60.0 * np.arange(1, 21)  # as many as poses fitted, after the jump
+    moved_m = ByRepeats._base_motion(scorer, held_out_s)[:, 0, 3]
+    assert moved_m == pytest.approx(wander.motions(held_out_s)[:, 0])
+    fitted_s = times_s.reshape(-1, 2).mean(axis=1)
+    moved_m = ByRepeats._base_motion(scorer, fitted_s)[:, 0, 3]
+    assert moved_m == pytest.approx(wander.motions(times_s)[:, 0].reshape(-1, 2).mean(axis=1))
+
+
+def test_why_no_poses_are_suggested_is_told(wave, monkeypatch):
+    def refuse(*_):
+        raise DiscoveryError(
+            "no configuration keeps clear", where="limits", allowed="one", remedy="allow more room"
+        )
+
+    found = wave.discovery
+    monkeypatch.setattr(by_repeats, "separating_poses", refuse)
+    plan = found.next_poses(3)
+    assert (plan.poses, plan.why_none) == ((), "no configuration keeps clear; allow more room")
+    record = verdict_keys(found, plan)
+    assert record.no_separating_poses == plan.why_none
+    assert "no_separating_poses" not in verdict_keys(found).model_dump()
+
+
 def test_where_nothing_is_missing_the_verdict_is_none(null):
     found = null.discovery
     assert found.verdict == "none"
@@ -53,7 +92,7 @@ def test_a_transmission_error_is_named_and_the_gap_closed(wave, null):
     assert (std < [1e-5, 0.05]).all()
     assert finding.proof.p_sign_flips_max_t < 0.01
     assert found.extended.effects == (finding.effect,)
-    search = found.scorer.judgement.found
+    search = found.scorer.judgement.ended
     assert search.fit.converged
     assert search.score.variances.pose < 0.05 < search.nothing.variances.pose
     for closed, bare in (
@@ -75,7 +114,7 @@ def test_friction_is_seen_in_torque_and_pose(rubbing):
     (finding,) = found.effects
     assert name(finding.effect) == ("friction_torque", "joint 3")
     assert abs(finding.x[0] - 3.0) < 4.0 * np.sqrt(finding.covariance[0, 0])
-    nothing, score = found.scorer.judgement.found.nothing, found.scorer.judgement.found.score
+    nothing, score = found.scorer.judgement.ended.nothing, found.scorer.judgement.ended.score
     assert nothing.variances.torque > 100.0 > 1.0 > score.variances.torque
     # The spring of joint 3 was wound by a torque that the log made up.
     assert found.holdout.reduction.interval95_mm[0] > 0.0
@@ -114,7 +153,7 @@ def test_what_cannot_be_told_at_all_is_listed_with_the_reason(null):
     found = null.discovery
     refused = {name(entry.effect): entry for entry in found.not_testable}
     assert refused["thermal_growth", "arm"].why == "what it depends on was not logged"
-    assert not refused.keys() & set(map(name, found.scorer.judgement.found.family))
+    assert not refused.keys() & set(map(name, found.scorer.judgement.ended.family))
     asked = unresolved_pairs(found.effects, found.not_testable)
     assert all(rival is None for _, rival in asked)
     # Other poses do not log a temperature.
@@ -171,7 +210,7 @@ class TestANewEffect:
         known = (*effect.every_effect(), ThirdHarmonic)
         monkeypatch.setattr(effect, "every_effect", lambda: known)
         found = campaign.discovered()
-        family = found.scorer.judgement.found.family
+        family = found.scorer.judgement.ended.family
         assert sum(effect.id == "third_harmonic" for effect in family) == 6
         assert found.verdict == "named"
         (finding,) = found.effects

@@ -73,7 +73,7 @@ def test_what_sits_nowhere_is_unexplained_all_the_same():
 def test_what_chance_does_as_well_is_no_finding(null):
     chance = null.effect("encoder_ellipticity", "joint 1")
     judged = judge(forced(null, (chance,), (1,)), 0.0)
-    assert judged.found.fit.effects == (chance,)
+    assert judged.ended.fit.effects == (chance,)
     assert (word(judged), judged.findings) == ("none", ())
 
 

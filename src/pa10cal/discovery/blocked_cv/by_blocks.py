@@ -44,7 +44,7 @@ from pa10cal.discovery.short_forms import FormComparison
 from pa10cal.discovery.target_wander import in_words
 from pa10cal.discovery.together import Together
 from pa10cal.discovery.tuning import NEXT_POSES
-from pa10cal.discovery.verdict import Plan, Scorer, Verdict
+from pa10cal.discovery.verdict import NOTHING_PLANNED, Plan, Scorer, Verdict
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.problem import possible_sizes
@@ -207,7 +207,7 @@ class ByBlocks(Scorer):
     @override
     def next_poses(self, found: Verdict[ByBlocks], count: int, random_seed: int) -> Plan:
         # Poses that separate ambiguous effects come first, then joint angles not visited.
-        rivals, separations = unresolved_pairs(found.effects), None
+        rivals, plan = unresolved_pairs(found.effects), NOTHING_PLANNED
         few = len(self.extended.at.x) <= NEXT_POSES.most_parameters
         if rivals and few and not self.survey.poses.measured.campaigns:
             # Rivals such as tilting axes may need bends that the model does not have.
@@ -219,15 +219,14 @@ class ByBlocks(Scorer):
                 plan = separating_poses(
                     problem, fit, rivals, count, random_seed, PROBABILITIES.blocks
                 )
-            except DiscoveryError:  # the verdict stands without it
-                plan = Plan(())
+            except DiscoveryError as error:  # the verdict stands without it
+                plan = Plan((), why_none=f"{error.what}; {error.remedy}")
             if plan.poses:
                 return plan
-            separations = plan.separations
         unseen = poses_at_unseen_angles(
             self.survey, self.seen or self.survey.angles_seen, count, random_seed
         )
-        return Plan(unseen, separations)
+        return Plan(unseen, plan.separations, plan.why_none)
 
     @override
     def record_keys(self, found: Verdict[ByBlocks]) -> dict[str, Any]:

@@ -1,4 +1,10 @@
-"""The verdict by the evidence of repeats: from single readings to an extended model."""
+"""The verdict by the evidence of repeats: from single readings to an extended model.
+
+The campaign is prepared with the noise of its repeats, without motion in time if there is any
+(`_with_time`), the set of effects of the greatest evidence is sought and judged, and the scorer of
+the verdict (`ByRepeats`) fits the model again with other effects. Lack of fit is tested against the
+scatter of repeats, and given effects are fitted, under the same noise models.
+"""
 
 from __future__ import annotations
 
@@ -10,17 +16,18 @@ import numpy as np
 from typing_extensions import override
 
 from pa10cal.arm.statics import PoseStates
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, Index
 from pa10cal.calibration.two_level_fit import check_torques
 from pa10cal.discovery import preparation
 from pa10cal.discovery.evidence.candidates import split_testable
-from pa10cal.discovery.evidence.confirmation import whitened_rows
+from pa10cal.discovery.evidence.confirmation import WhitenedRows, whitened_rows
 from pa10cal.discovery.evidence.fit import (
     EvidenceFit,
     covariance_of,
     fit,
     pose_rows,
     targets_off_m,
+    torque_residual_Nm,
     torque_rows,
 )
 from pa10cal.discovery.evidence.judge import Judgement, floor_mm, judge, shared_error_mm
@@ -36,7 +43,7 @@ from pa10cal.discovery.joint_steps import JointSteps, joint_steps_of, likely_joi
 from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit, pure_error_test
 from pa10cal.discovery.next_poses import separating_poses, unresolved_pairs
 from pa10cal.discovery.noise import same_circumstances, whitener_of
-from pa10cal.discovery.nuisances import NO_MOTION, motion_unexplained, steps_in_time
+from pa10cal.discovery.nuisances import TimeFindings, motion_unexplained, steps_in_time
 from pa10cal.discovery.proof import needed_nats
 from pa10cal.discovery.residual_candidates import gear_lines
 from pa10cal.discovery.rules import EVIDENCE, LINES
@@ -59,6 +66,9 @@ from pa10cal.terms.forms.form import Form
 from pa10cal.terms.offsets import motion_of_base
 from pa10cal.terms.weights import is_fault
 
+#: Times by which averaged poses differ less than this are the same [s] (computing).
+_SAME_TIME_S = 1e-3
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ByRepeats(Scorer):
@@ -66,8 +76,8 @@ class ByRepeats(Scorer):
 
     problem: EvidenceProblem  # the campaign, with noise and weights about the extended model
     start: EvidenceFit  # the baseline, fitted under the same noise models
-    judgement: Judgement  # of the effects that the search found
-    extended: EvidenceFit  # the model with the effects found
+    judgement: Judgement  # of the effects that the search ended with
+    extended: EvidenceFit  # the model with the named effects alone
 
     method: ClassVar[str] = "evidence of repeats"
 
@@ -87,24 +97,28 @@ class ByRepeats(Scorer):
     @property
     @override
     def searched(self) -> tuple[Effect, ...]:
-        return self.judgement.found.fit.effects
+        return self.judgement.ended.fit.effects
 
     @override
     def targets_off_m(self, stated: int) -> Array:
+        del stated  # their number is that of the problem's targets
         return targets_off_m(self.problem, self.extended)
 
     @override
     def judged_states(self, fitted: Observations) -> PoseStates:
-        return self.judgement.found.problem.cells.states
+        del fitted  # cells were judged, which are finer than averages
+        return self.judgement.ended.problem.cells.states
 
     @override
     def refitted(self, effects: tuple[Effect, ...], known: Sequence[Finding]) -> ByRepeats:
-        size, found = self.extended.size_of, self.judgement.found
+        # From the end of the search, which has generic effects besides: under the variances of the
+        # errors that poses share there, fits with other effects compare with each other.
+        ended, size = self.judgement.ended, self.extended.size_of
         for finding in known:
             for other in finding.alternatives:
                 size.setdefault(other, size[finding.effect])
         sizes = tuple(size[effect] for effect in effects)
-        extended = fit(self.problem, effects, sizes, found.score.variances, found.fit)
+        extended = fit(self.problem, effects, sizes, ended.score.variances, ended.fit)
         return replace(self, extended=extended, covariance=covariance_of(self.problem, extended))
 
     @override
@@ -113,67 +127,67 @@ class ByRepeats(Scorer):
 
     @override
     def gap_on(self, poses: Observations, before: PairedErrors | None = None) -> PairedErrors:
-        problem, searched = self.problem, self.judgement.found.fit
+        problem, searched = self.problem, self.judgement.ended.fit
         poses = preparation.complete(poses, problem.baseline, problem.setup, self.extended.at)
         floor, after = floor_mm(problem, poses.readings), _exported(problem, self.extended)
         T_moved = self._base_motion(poses.states.time_s)
-        found = gap(poses, problem.baseline, after, floor, T_moved=T_moved)
+        errors = gap(poses, problem.baseline, after, floor, T_moved=T_moved)
         if not any(effect.generic for effect in searched.effects):
-            return found
+            return errors
         # The model at the end of the search has generic effects, too.
         poses = preparation.complete(poses, problem.baseline, problem.setup, searched.at)
-        return replace(found, with_rivals=errors_of(_exported(problem, searched), poses))
+        return replace(errors, with_rivals=errors_of(_exported(problem, searched), poses))
 
     def _base_motion(self, times_s: Array) -> Array | None:
         """Return the motion of the base at averaged poses (P, 4, 4), by their times; None at rest.
 
         Poses of the fit are averages: their motion is the mean of those of the readings.
         """
-        single, wander = self.problem.readings.states.time_s, self.problem.in_time.wander
+        single_s, wander = self.problem.readings.states.time_s, self.problem.in_time.wander
         if wander is None:
             return None
         group = reading_groups(self.problem.readings)
-        of_groups_s = group_means(single, group)
-        if len(of_groups_s) == len(times_s) and np.allclose(of_groups_s, times_s):
-            return motion_of_base(group_means(wander.motions(single), group))
+        fitted_s = group_means(single_s, group)
+        # No relative tolerance: times may count from 1970.
+        of_fit = len(fitted_s) == len(times_s) and np.allclose(
+            fitted_s, times_s, rtol=0.0, atol=_SAME_TIME_S
+        )
+        if of_fit:
+            return motion_of_base(group_means(wander.motions(single_s), group))
         return motion_of_base(wander.motions(times_s))
 
     @override
     def model_with(self, effects: tuple[Effect, ...]) -> FittedModel:
+        # From the extended model, of which this is a part: so what an effect adds is what changes.
         problem, extended = self.problem, self.extended
         sizes = tuple(extended.size_of[effect] for effect in effects)
         return _exported(problem, fit(problem, effects, sizes, extended.variances, extended))
 
     @override
     def comparison(self, held: Sequence[Effect], most_poses: int | None = None) -> FormComparison:
-        found = self.judgement.found
-        # The derivatives of many forms are not worth caching.
-        model = replace(found.fit.model, derivative_cache=None)
-        found = replace(found, fit=replace(found.fit, at=replace(found.fit.at, model=model)))
-        if not held:  # formulas then have to reach the noise of repeats
-            variances = SharedVariances(0.0, found.score.variances.torque)
-            found = replace(found, score=replace(found.score, variances=variances))
-        problem = found.problem
-        rows = whitened_rows(problem, found, ())
-        columns = np.arange(rows.own.shape[1])
-        members = [rows.members[found.fit.effects.index(effect)] for effect in held]
-        of_held = np.concatenate([columns[:0], *(columns[member] for member in members)])
-        _, pose = np.unique(problem.cells.pose, return_inverse=True)
+        del most_poses  # of repeated poses there are few
+        ended = _uncached(self.judgement.ended)
+        if not held:
+            ended = _without_shared_error_of_poses(ended)
+        rows = whitened_rows(ended.problem, ended, ())
+        at_held = _columns_of_members(rows, [ended.fit.effects.index(effect) for effect in held])
+        _, pose = np.unique(ended.problem.cells.pose, return_inverse=True)
 
         def columns_of(forms: Sequence[Form]) -> list[Array]:
-            return list(whitened_rows(problem, found, tuple(forms)).family)
+            return list(whitened_rows(ended.problem, ended, tuple(forms)).family)
 
         return FormComparison(
             data=rows.data,
-            own=np.delete(rows.own, of_held, axis=1),
+            own=np.delete(rows.own, at_held, axis=1),
             block=(pose % EVIDENCE.form_folds)[rows.cell],
-            held=rows.own[:, of_held] if held else None,
+            held=rows.own[:, at_held] if held else None,
             columns_of=columns_of,
-            states=problem.cells.states,
+            states=ended.problem.cells.states,
         )
 
     @override
     def lack_of_fit(self, found: Verdict[Any]) -> tuple[LackOfFit, LackOfFit]:
+        del found
         return (
             evidence_lack_of_fit(self.problem, self.start),
             evidence_lack_of_fit(self.problem, self.extended),
@@ -181,19 +195,18 @@ class ByRepeats(Scorer):
 
     @override
     def next_poses(self, found: Verdict[ByRepeats], count: int, random_seed: int) -> Plan:
-        # None for a group, as it is not known which of its instruments would measure.
-        if self.problem.readings.measured.campaigns:
-            return Plan((), ())
         pairs = unresolved_pairs(found.effects, found.not_testable)
-        fitted = self.judgement.found.fit
+        if pairs and self.problem.readings.measured.campaigns:
+            return Plan((), (), "of a group it is not known which instrument would measure them")
+        searched = self.judgement.ended.fit
         try:
-            return separating_poses(self.problem, fitted, pairs, count, random_seed)
-        except DiscoveryError:  # torques cannot be predicted, for lack of masses
-            return Plan((), ())
+            return separating_poses(self.problem, searched, pairs, count, random_seed)
+        except DiscoveryError as error:  # the verdict stands without them
+            return Plan((), (), f"{error.what}; {error.remedy}")
 
     @override
     def record_keys(self, found: Verdict[ByRepeats]) -> dict[str, Any]:
-        ended = self.judgement.found
+        ended = self.judgement.ended
         search = SearchByRepeats(
             candidates=found.candidates,
             error_rate=found.error_rate,
@@ -205,6 +218,32 @@ class ByRepeats(Scorer):
             readings_excluded=int(found.prepared.gross.sum()),
         )
         return {"search": search}
+
+
+def _uncached(ended: EndOfSearch) -> EndOfSearch:
+    """Return the end of a search with a model that keeps no derivatives of effects.
+
+    Those of many forms, each used once, are not worth the memory.
+    """
+    model = replace(ended.fit.model, derivative_cache=None)
+    return replace(ended, fit=replace(ended.fit, at=replace(ended.fit.at, model=model)))
+
+
+def _without_shared_error_of_poses(ended: EndOfSearch) -> EndOfSearch:
+    """Return the end of a search as if the cells of a pose shared no error of unknown cause.
+
+    The search counts what it did not explain as such an error, that is as noise. With a variance of
+    zero the noise of repeats alone is left to whiten rows: a form has to explain that error.
+    """
+    variances = SharedVariances(0.0, ended.score.variances.torque)
+    return replace(ended, score=replace(ended.score, variances=variances))
+
+
+def _columns_of_members(rows: WhitenedRows, numbers: Sequence[int]) -> Index:
+    """Return the columns in `rows.own` of members of the search, by their numbers."""
+    members = [rows.members[number] for number in numbers]
+    columns = [column for member in members for column in range(member.start, member.stop)]
+    return np.array(columns, dtype=np.intp)
 
 
 def joint_steps_between_repeats(
@@ -250,17 +289,17 @@ def discover_by_repeats(campaign: preparation.Prepared) -> Verdict[ByRepeats]:
     problem, start = _with_time(readings, campaign)
     family, refused = split_testable(problem, start, _sought(problem))
     lines: tuple[Effect, ...] = ()
-    found = search(problem, family, error_rate, start)
+    ended = search(problem, family, error_rate, start)
     for _ in range(LINES.most_rounds):
-        added = _lines(found, error_rate)
+        added = _lines(ended, error_rate)
         if not added:
             break
         family, lines = (*family, *added), (*lines, *added)
         if problem.in_time.wander is not None:  # lines may have been taken for motion in time
             problem, start = _with_time(readings, campaign, lines)
-        found = search(problem, family, error_rate, start)
+        ended = search(problem, family, error_rate, start)
     needed = needed_nats(preparation.effects_in(family), error_rate)
-    return _verdict(campaign, judge(found, needed), start, refused)
+    return _verdict(campaign, judge(ended, needed), start, refused)
 
 
 def _verdict(
@@ -270,12 +309,12 @@ def _verdict(
     refused: Sequence[Untestable],
 ) -> Verdict[ByRepeats]:
     """Return the verdict of a judgement, with the model of the named effects alone."""
-    found = judgement.found
-    problem, extended, family = found.problem, found.fit, found.family
+    ended = judgement.ended
+    problem, extended, family = ended.problem, ended.fit, ended.family
     named = tuple(finding.effect for finding in judgement.findings)
     if named != extended.effects:
         sizes = tuple(extended.size_of[effect] for effect in named)
-        extended = fit(problem, named, sizes, found.score.variances, extended)
+        extended = fit(problem, named, sizes, ended.score.variances, extended)
     scorer = ByRepeats(
         extended=extended,
         covariance=covariance_of(problem, extended),
@@ -285,7 +324,7 @@ def _verdict(
     )
     held_out, wander, floor = campaign.held_out, problem.in_time.wander, floor_mm(problem)
     places = {(place.form, place.of) for place in judgement.unexplained}
-    same = {tuple(np.flatnonzero(row).tolist()) for row in found.same}
+    same = {tuple(np.flatnonzero(row).tolist()) for row in ended.same}
     groups = [group for group in sorted(same) if len(group) > 1]
     return Verdict(
         prepared=campaign,
@@ -299,7 +338,7 @@ def _verdict(
         ),
         nameless=tuple(
             effect
-            for effect in found.fit.effects
+            for effect in ended.fit.effects
             if effect.generic and (effect.id, effect.of) in places
         ),
         over_noise=any(place.form is None for place in judgement.unexplained),
@@ -313,11 +352,11 @@ def _verdict(
     )
 
 
-def _lines(found: EndOfSearch, error_rate: float) -> tuple[Effect, ...]:
+def _lines(ended: EndOfSearch, error_rate: float) -> tuple[Effect, ...]:
     """Return the lines of gears in the residuals of a search, at joints where none was tried."""
-    at, cells = found.fit.at, found.problem.cells
-    tried = [each.of for each in found.family if each.id == GearLine.id]
-    whiteners = whitener_of(found.problem.cell_cov)
+    at, cells = ended.fit.at, ended.problem.cells
+    tried = [each.of for each in ended.family if each.id == GearLine.id]
+    whiteners = whitener_of(ended.problem.cell_cov)
     rows = WhitenedPoses(at, cells, at.compared(cells).residual, whiteners)
     return gear_lines(rows, error_rate, tried)
 
@@ -334,8 +373,14 @@ def _with_time(
     """Return the problem and the fit of its baseline, with motion in time if readings show it.
 
     The motion is estimated together with all effects that are sought, and lines of gears that were
-    found. The noise is that of repeats without the motion between them: by running medians at
-    first, by the motion found in the second round.
+    found. At first the noise is that of repeats less what running medians say that they moved by.
+    Then, by what the motion is found to be:
+
+    - a jump or a walk: the noise is that of repeats less this motion, which is estimated once more
+      under that noise;
+    - no such motion, but a drift, or running medians that differed: the noise is that of repeats as
+      they are, since what they differ by is no motion of the whole;
+    - neither: the noise stays as it is.
 
     Raises:
         DiscoveryError: when too little is repeated.
@@ -346,33 +391,39 @@ def _with_time(
     moved = moved_between_repeats(poses, residual, group)
     problem = prepare(readings, baseline, setup, torques_logged=logged, moved_between_repeats=moved)
     start = fit(problem, (), (), NO_SHARED_ERROR)
-    every, found = (*_sought(problem), *lines), NO_MOTION
+    every = (*_sought(problem), *lines)
     for _ in range(EVIDENCE.rounds_of_time):
-        # A jump within few repeats may leave directions without noise: a part of that stated is
-        # added.
-        stated = problem.readings.measured.stated_covariance
-        found = in_time_of(
-            start.at,
-            problem.readings,
-            whitener_of(problem.noise.cov + EVIDENCE.least_uncertainty_share**2 * stated),
-            every,
-            logged=problem.torques_logged,
-            weights=problem.torque is not None,
-        )
-        if found.wander is None and not (found.has_drift or moved.any()):
-            in_time = replace(problem.in_time, of_targets=found.of_targets)
-            problem = replace(problem, in_time=in_time)
-            break
-        problem = prepare(readings, baseline, setup, torques_logged=logged, in_time=found)
+        in_time = _motion_in_time(problem, start, every)
+        if in_time.wander is None and not in_time.has_drift and not moved.any():
+            in_time = replace(problem.in_time, of_targets=in_time.of_targets)
+            return replace(problem, in_time=in_time), start
+        problem = prepare(readings, baseline, setup, torques_logged=logged, in_time=in_time)
         start = fit(problem, (), (), NO_SHARED_ERROR)
-        if found.wander is None:
+        if in_time.wander is None:
             break
     return problem, start
 
 
-def _exported(problem: EvidenceProblem, found: EvidenceFit) -> FittedModel:
+def _motion_in_time(
+    problem: EvidenceProblem, start: EvidenceFit, effects: tuple[Effect, ...]
+) -> TimeFindings:
+    """Return how the base moves in time, about a fit of the baseline and beside effects."""
+    # A jump within few repeats may leave directions without noise: a part of that stated is added.
+    stated = problem.readings.measured.stated_covariance
+    return in_time_of(
+        start.at,
+        problem.readings,
+        whitener_of(problem.noise.cov + EVIDENCE.least_uncertainty_share**2 * stated),
+        effects,
+        logged=problem.torques_logged,
+        weights=problem.torque is not None,
+    )
+
+
+def _exported(problem: EvidenceProblem, evidence_fit: EvidenceFit) -> FittedModel:
     """Return a fit as the model that is exported, without its covariance."""
-    return replace(found.fitted(), targets_off_m=targets_off_m(problem, found))
+    targets_m = targets_off_m(problem, evidence_fit)
+    return replace(evidence_fit.fitted(), targets_off_m=targets_m)
 
 
 # Lack of fit, tested against pure error.
@@ -385,68 +436,93 @@ class ChannelTest(NamedTuple):
     shared_variance: float  # of these errors, in units of the variance of a reading
 
 
-def evidence_lack_of_fit(problem: EvidenceProblem, found: EvidenceFit) -> LackOfFit:
+def evidence_lack_of_fit(problem: EvidenceProblem, fitted: EvidenceFit) -> LackOfFit:
     """Compute where a fit and the data disagree, in poses and in torques.
 
     Residuals are those beyond the most likely errors common to all poses: of places of targets on
     the apparatus, masses, loads and zeros.
     """
-    cells, at = problem.cells, found.at
-    of_poses, of_torques = channel_tests(problem, found)
-    components = _net_residual(problem.pose, pose_rows(problem, at), of_poses.shared_variance)
+    cells, at = problem.cells, fitted.at
+    of_poses, of_torques = channel_tests(problem, fitted)
+    difference = at.compared(cells).residual
+    components = _net_residual(problem.pose, difference, of_poses.shared_variance)
     residuals = CellResiduals(at, cells, components, problem.cell_cov, ideal_by_joints(at, cells))
     if problem.torque is not None and of_torques is not None:
-        rows, variance = torque_rows(problem, at), of_torques.shared_variance
-        torque_Nm = _net_residual(problem.torque, rows, variance)
+        difference_Nm = torque_residual_Nm(problem, at)
+        torque_Nm = _net_residual(problem.torque, difference_Nm, of_torques.shared_variance)
         residuals = replace(residuals, torque_Nm=torque_Nm, torque_noise_Nm=problem.noise.torque_Nm)
     return lack_of_fit(residuals, of_poses.pure_error)
 
 
+class _Channel(NamedTuple):
+    """Poses or torques of C cells, with b components each, about a fit with k unknowns."""
+
+    noise: NoiseModel
+    values: Array  # (C, b, 1 + k) predicted minus measured, and its derivative
+    pure_dof: int  # degrees of freedom of the noise of repeats
+
+
 def channel_tests(
-    problem: EvidenceProblem, found: EvidenceFit
+    problem: EvidenceProblem, fitted: EvidenceFit
 ) -> tuple[ChannelTest, ChannelTest | None]:
     """Test the errors that readings of a pose share, in poses and, where logged, in torques.
 
-    The degrees of freedom of a row are one less its leverage, by the parameters of the fit.
+    Row i of a channel, whitened as if there were no such error, has d_i degrees of freedom: one
+    less its leverage, by the parameters of the fit to the rows of both channels.
     """
     noise = problem.noise
-    channels = [(problem.pose, pose_rows(problem, found.at), noise.components_compared)]
+    channels = [_Channel(problem.pose, pose_rows(problem, fitted.at), noise.components_compared)]
     if problem.torque is not None:
-        torques = torque_rows(problem, found.at)
-        channels.append((problem.torque, torques, noise.differences * torques.shape[1]))
-    whitened = [channel.whitened(values, 0.0) for channel, values, _ in channels]
+        torques = torque_rows(problem, fitted.at)
+        channels.append(_Channel(problem.torque, torques, noise.differences * torques.shape[1]))
+    whitened = [channel.noise.whitened(channel.values, 0.0) for channel in channels]
     # Columns in units of the possible size of each parameter, so that those that the rows do not
     # determine take no degree of freedom.
-    sizes = possible_sizes(found.model, problem.cells.measured)
+    sizes = possible_sizes(fitted.model, problem.cells.measured)
     columns = [rows[:, 1:] * sizes for rows in whitened]
-    nothing = Gaussian.none(len(found.x))
+    nothing = Gaussian.none(len(fitted.x))
     both = sum((Gaussian.of(by_x, np.zeros(len(by_x))) for by_x in columns), nothing)
-    tests = []
-    for (channel, _, pure_dof), rows, by_x in zip(channels, whitened, columns, strict=True):
-        dof = 1.0 - both.variances(by_x)
-        shares = channel.shared.variance > COMPUTING.no_part
-        shared_dof = float(dof[shares].sum())
-        if shared_dof <= COMPUTING.no_part:
-            tests.append(ChannelTest(None, 0.0))
-            continue
-        test = pure_error_test(float((rows[shares, 0] ** 2).sum()), shared_dof, pure_dof)
-        beyond = max(test.chi_square - test.dof, 0.0)
-        variance = beyond / float(dof @ channel.shared.variance) if beyond else 0.0
-        tests.append(ChannelTest(test, variance))
-    of_torques = None if problem.torque is None else tests[1]
-    return tests[0], of_torques
+    tests = [
+        _channel_test(channel, rows[:, 0], 1.0 - both.variances(by_x))
+        for channel, rows, by_x in zip(channels, whitened, columns, strict=True)
+    ]
+    return tests[0], None if problem.torque is None else tests[1]
 
 
-def _net_residual(model: NoiseModel, rows: Array, shared_variance: float) -> Array:
+def _channel_test(channel: _Channel, residual: Array, dof_of_row: Array) -> ChannelTest:
+    """Test the shared error of one channel by its whitened residuals (R,).
+
+    With v the variance of that error, and s_i its part in row i (zero in rows that hold none), the
+    expected square of the residual of row i is about d_i (1 + v s_i). The chi-square of the rows
+    with s_i > 0 is tested against their sum of d_i, and v = (chi-square - sum d_i) / sum d_i s_i.
+
+    Args:
+        dof_of_row: (R,) degrees of freedom d_i.
+    """
+    part = channel.noise.shared.variance
+    has_part = part > COMPUTING.no_part
+    dof = float(dof_of_row[has_part].sum())
+    if dof <= COMPUTING.no_part:
+        return ChannelTest(None, 0.0)
+    test = pure_error_test(float((residual[has_part] ** 2).sum()), dof, channel.pure_dof)
+    beyond_noise = max(test.chi_square - test.dof, 0.0)
+    return ChannelTest(test, beyond_noise / float(dof_of_row @ part) if beyond_noise else 0.0)
+
+
+def _net_residual(noise: NoiseModel, difference: Array, shared_variance: float) -> Array:
     """Return measured less predicted (C, b) without the errors common to all poses.
 
-    From rows (C, b, 1 + k) of predicted minus measured and its derivative.
+    Those are estimated in rows that are whitened by the noise of their cell, and rotated among the
+    cells of a pose (`NoiseModel.noise_whitened`). Then rotation and whitening are undone.
+
+    Args:
+        difference: (C, b) predicted minus measured.
+        shared_variance: of the errors that the cells of a pose share.
     """
-    residual_rows = -model.noise_whitened(rows[:, :, :1])
-    amounts = model.common_amounts(residual_rows, shared_variance)
-    net = residual_rows - model.common @ amounts
-    white = (model.shared.rotation.T @ net).reshape(*model.whitener.shape[:2], 1)
-    return np.asarray(np.linalg.solve(model.whitener, white)[:, :, 0])
+    rows = -noise.noise_whitened(difference[:, :, None])
+    net = rows - noise.common @ noise.common_amounts(rows, shared_variance)
+    whitened = (noise.shared.rotation.T @ net).reshape(*difference.shape, 1)
+    return np.asarray(np.linalg.solve(noise.whitener, whitened)[:, :, 0])
 
 
 def fit_given(
@@ -455,19 +531,21 @@ def fit_given(
     """Fit the baseline with effects that are given, whether or not the data support them.
 
     The sizes expected and the variances of shared errors are those of the greatest evidence. Noise
-    and weights are computed about the fit, until nothing changes. Each fit has so many steps at
-    most.
+    and weights are computed about the fit, until these choices repeat.
+
+    Args:
+        most_steps: of each fit.
 
     Returns:
         The campaign prepared about the fit, and the fit.
     """
     current = fit(problem, (), (), NO_SHARED_ERROR)
-    sizes = (EVIDENCE.usual_size,) * len(effects)
+    sizes = (EVIDENCE.usual_size,) * len(effects)  # indices in `EVIDENCE.sizes`
     last: tuple[object, ...] = ()
     for _ in range(EVIDENCE.rounds_of_sizes):
         evidence = evidence_about(problem, current, effects)
-        chosen = resized(evidence, tuple(enumerate(sizes)))
-        score, sizes = evidence.score(chosen), tuple(size for _, size in chosen)
+        every_effect = resized(evidence, tuple(enumerate(sizes)))
+        score, sizes = evidence.score(every_effect), tuple(size for _, size in every_effect)
         choice = (sizes, score.grid_index)
         problem, current = refit(problem, effects, sizes, score.variances, current, most_steps)
         if choice == last:

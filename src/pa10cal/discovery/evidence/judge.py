@@ -32,7 +32,7 @@ class Judgement:
 
     findings: tuple[Finding, ...]  # effects of the vocabulary, in the order found
     unexplained: tuple[Unexplained, ...]  # parts of the error without a name
-    found: EndOfSearch  # the search, with every finding and every generic effect in its fit
+    ended: EndOfSearch  # the search, with every finding and every generic effect in its fit
 
 
 class _Refit(NamedTuple):
