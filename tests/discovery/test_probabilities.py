@@ -13,7 +13,9 @@ from hypothesis import strategies as st
 from pa10cal.discovery import verdict
 from pa10cal.discovery.finding import Explanations, Finding, Rival
 from pa10cal.discovery.proof import UnknownCause
+from pa10cal.discovery.refitted_verdict import fitted_instead
 from pa10cal.discovery.rules import PROBABILITIES
+from pa10cal.results.record import EffectName
 from pa10cal.terms.effects.arrivals import AlongMove
 from pa10cal.terms.effects.generic import DirectionMap
 from pa10cal.terms.effects.joint import Backlash, GearRatioError
@@ -194,6 +196,26 @@ def test_another_name_in_its_place_makes_nothing_more_probable(nats, other, weig
     for effect in (BACKLASH, GEAR, ELSEWHERE):
         assert after.probability(effect) == pytest.approx(before.probability(effect), abs=1e-9)
     assert after.none_of_these == pytest.approx(before.none_of_these, abs=1e-9)
+
+
+def test_a_score_that_is_none_is_refused():
+    with pytest.raises(AssertionError, match="gear_ratio_error of joint 1"):
+        Rival(GEAR, np.array([np.nan]))
+
+
+def test_an_effect_in_anothers_place_names_it_beside_the_evidence(eccentric):
+    told = finding(Rival(GEAR, np.ones(1)), alternatives=(GEAR,))
+    swapped = told.exchanged_for(GEAR).with_proof_of(told)
+    assert (told.proof_of, swapped.proof_of) == (None, BACKLASH)
+    assert swapped.exchanged_for(BACKLASH).with_proof_of(swapped).proof_of is None
+    found = eccentric.discovery
+    (named,) = found.effects
+    others = [rival.effect for rival in named.rivals if not rival.effect.generic]
+    fitted = (fitted_instead(found, named, named.exchanged_for(other)) for other in others)
+    (exchanged,) = next(each for each in fitted if each is not None).findings
+    assert exchanged.effect in others
+    assert exchanged.record().evidence_of == EffectName(id=named.id, of=named.of)
+    assert "evidence_of" not in named.record().model_dump()
 
 
 @pytest.mark.parametrize("nats", [(3.0, -2.0), (-2.0, 3.0)])

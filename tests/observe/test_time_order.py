@@ -397,8 +397,8 @@ def test_campaigns_of_a_group_have_clocks_of_their_own(random_order):
 @pytest.mark.parametrize(
     ("rows", "told"),
     [
-        ([0, 1, 2, 4, 5, 70], "5 of 6 are among the first 6 of 120 poses, the first 0.83 min of"),
-        ([60, 116, 117, 118, 119], "4 of 5 are among the last 4 of 120 poses, the last 0.5 min of"),
+        ([0, 1, 2, 4, 5, 70], "5 of 6 are among the first 6 of 120 poses, the first 50 s of"),
+        ([60, 116, 117, 118, 119], "4 of 5 are among the last 4 of 120 poses, the last 30 s of"),
         ([3, 30, 61, 90, 110], ""),  # anywhere
         ([50, 51, 52, 53, 54], ""),  # together, in the middle
         ([0, 1], ""),  # two, which chance may put there

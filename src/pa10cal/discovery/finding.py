@@ -29,6 +29,11 @@ def name_of(effect: Effect) -> EffectName:
     return EffectName(id=effect.id, of=effect.of)
 
 
+def _key(effect: Effect) -> Name:
+    """Return what identifies an effect among rivals: its name and place, not its form."""
+    return Name(effect.id, effect.of)
+
+
 def label_of(effect: Effect, rival: Effect | None) -> str:
     """Return the names of an effect and of its rival, if there is one."""
     name = f"{effect.id} of {effect.of}"
@@ -50,6 +55,10 @@ class Rival:
     nats: Array
     prior_odds: float = 1.0  # relative to the effect found
 
+    def __post_init__(self) -> None:
+        # One score that is none would make all probabilities none.
+        assert not np.isnan(self.nats).any(), f"no score of {label_of(self.effect, None)}"
+
     @property
     def log_odds(self) -> float:
         """Return its log odds against the effect found, by the scores of all blocks."""
@@ -57,7 +66,10 @@ class Rival:
 
     def by_block(self, blocks: int) -> Array:
         """Return the log score of each block, (B,); one score of all poses is shared equally."""
-        return np.broadcast_to(self.nats * len(self.nats) / blocks, blocks)
+        if len(self.nats) == 1:
+            return np.full(blocks, self.nats[0] / blocks)
+        assert len(self.nats) == blocks
+        return self.nats
 
 
 @dataclass(frozen=True)
@@ -105,6 +117,8 @@ class Finding(Generic[ProofT]):
     alternatives: tuple[Effect, ...]  # effects that explain the data as well in its place
     proof: ProofT
     rivals: tuple[Rival, ...] = ()  # every effect that was tried in its place, with its score
+    # the effect whose evidence `proof` is, where this one has taken its place; None for its own
+    proof_of: Effect | None = None
     # probability that the cause is one that was not tried
     unknown_probability: float = PROBABILITIES.unknown
 
@@ -133,6 +147,7 @@ class Finding(Generic[ProofT]):
         candidates, blocks = self._candidates.values(), self._block_count
         nats = np.stack([candidate.by_block(blocks) for candidate in candidates])
         prior_odds = np.array([candidate.prior_odds for candidate in candidates])
+        # Each draw is the total score with the blocks weighted anew.
         block_weights = np.random.default_rng(0).dirichlet(np.ones(blocks), PROBABILITIES.draws)
         of_draws = softmax(blocks * block_weights @ nats.T + np.log(prior_odds), axis=1)
         share = of_draws.mean(axis=0) * (1.0 - self.unknown_probability)
@@ -159,23 +174,18 @@ class Finding(Generic[ProofT]):
     def _candidates(self) -> dict[Name, Rival]:
         """Return the effect, its alternatives and its rivals by name, with scores against it.
 
-        Of several forms of a rival that with the best score counts; another form of the effect is
-        no rival. An alternative without a score of its own has that of the effect.
+        The effect has a score of zero; another form of it is no rival. An alternative keeps its own
+        form, and has the score of the rival of its name: where none was tried, that of the effect.
+        A wave of joint 2 with an alternative among the maps of joint 2 thus has that map, with the
+        score of the best of all maps that were tried there.
         """
-        best: dict[Name, Rival] = {}
-        for rival in self.rivals:
-            name = name_of(rival.effect).name
-            if name not in best or rival.log_odds > best[name].log_odds:
-                best[name] = rival
-        best.pop(name_of(self.effect).name, None)
+        scores = _best_by_name(self.rivals)
+        scores.pop(_key(self.effect), None)
         candidates: dict[Name, Rival] = {}
         for effect in (self.effect, *self.alternatives):
-            name = name_of(effect).name
-            scored = best.get(name, Rival(effect, np.zeros(1)))
-            candidates.setdefault(name, replace(scored, effect=effect))
-        for name, rival in best.items():
-            candidates.setdefault(name, rival)
-        return candidates
+            scored = scores.get(_key(effect), Rival(effect, np.zeros(1)))
+            candidates.setdefault(_key(effect), replace(scored, effect=effect))
+        return candidates | {name: each for name, each in scores.items() if name not in candidates}
 
     @property
     def _block_count(self) -> int:
@@ -183,17 +193,25 @@ class Finding(Generic[ProofT]):
         return max((len(rival.nats) for rival in self.rivals), default=1)
 
     def exchanged_for(self, other: Effect) -> Self:
-        """Return the finding with a rival in place of its effect, at the same probabilities."""
+        """Return the finding with a rival in place of its effect, at the same probabilities.
+
+        Parameters, covariance and proof stay those of its effect: `fitted_instead` fits the rival.
+        """
         candidates, blocks = self._candidates, self._block_count
-        chosen = candidates.pop(name_of(other).name)
+        chosen = candidates.pop(_key(other))
         nats = chosen.by_block(blocks)
         rivals = tuple(
             Rival(each.effect, each.by_block(blocks) - nats, each.prior_odds / chosen.prior_odds)
             for each in candidates.values()
         )
         listed = (self.effect, *self.alternatives)
-        alternatives = tuple(e for e in listed if name_of(e).name != name_of(other).name)
+        alternatives = tuple(each for each in listed if _key(each) != _key(other))
         return replace(self, effect=other, rivals=rivals, alternatives=alternatives)
+
+    def with_proof_of(self, former: Finding) -> Self:
+        """Return the finding in the place of a former one, whose proof it has and names."""
+        proven = former.proof_of or former.effect
+        return replace(self, proof_of=None if proven == self.effect else proven)
 
     def with_likely_alternatives(self) -> Self:
         """Return the finding with all likely effects as alternatives, the likeliest first."""
@@ -226,10 +244,21 @@ class Finding(Generic[ProofT]):
             none_of_these=explanations.none_of_these,
             set95=tuple(map(name_of, explanations.smallest_set)),
             evidence=self.proof.evidence,
+            evidence_of=None if self.proof_of is None else name_of(self.proof_of),
             witness=witness,
             weights=self.proof.weights,
             by=self.effect.by_joint,
         )
+
+
+def _best_by_name(rivals: Sequence[Rival]) -> dict[Name, Rival]:
+    """Return of each name the rival with the best score, whatever its form."""
+    best: dict[Name, Rival] = {}
+    for rival in rivals:
+        name = _key(rival.effect)
+        if name not in best or rival.log_odds > best[name].log_odds:
+            best[name] = rival
+    return best
 
 
 def effect_parameters(term: Term, x: Array, covariance: Array) -> dict[str, EffectParameter]:
@@ -253,7 +282,11 @@ def effect_parameters(term: Term, x: Array, covariance: Array) -> dict[str, Effe
 
 
 def _std_in_range(term: Term, name: str) -> float:
-    """Return the standard deviation of a parameter anywhere in its range; 0 where it has none."""
+    """Return the standard deviation of a parameter anywhere in its range; 0 where it has none.
+
+    Solved parameters with a range are reported as they are, under their name without that of the
+    effect: `gear_line_2_k` as `k`.
+    """
     for solved in term.parameters:
         if solved.lower is None or solved.upper is None:
             continue

@@ -78,7 +78,7 @@ def fitted_instead(found: Verdict[S], old: Finding, new: Finding) -> Verdict[S] 
     # A new fit accepts alternatives of findings only.
     known = replace(old, alternatives=(new.effect, *old.alternatives))
     tried = replace(found, findings=instead(found, known))
-    tried = with_findings(tried, instead(found, new, old.effect))
+    tried = with_findings(tried, instead(found, new.with_proof_of(old), old.effect))
     now = finding_of(tried, new.effect)
     return None if any(unfit(now, tried.model, tried.states)) else tried
 

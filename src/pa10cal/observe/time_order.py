@@ -17,7 +17,7 @@ from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index, Mask
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.paths import outside_ranges
-from pa10cal.results.number_text import HOUR_S, duration_text
+from pa10cal.results.number_text import duration_text
 from pa10cal.rules import ORDER
 
 
@@ -347,10 +347,9 @@ def at_one_end(states: PoseStates, chosen: Mask) -> str:
         )
     else:
         why = "something changed there; measure these poses again, or leave them out"
-    durations = (
-        duration_text(float(np.ptp(states.time_s[part]))),
-        duration_text(float(np.ptp(states.time_s)), HOUR_S),
-    )
+    durations = [
+        duration_text(float(np.ptp(each))) for each in (states.time_s[part], states.time_s)
+    ]
     return (
         f"{best + 1} of {chosen_count} are among the {end} {length} of {count} poses, the {end} "
         f"{durations[0]} of {durations[1]}: {why}"

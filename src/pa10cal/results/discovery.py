@@ -138,6 +138,9 @@ class FoundEffect(NamedEffect):
     none_of_these: float  # probability that none is there that has a name
     form: MapForm | None  # form of a map that has its own; null for every other effect
     evidence: Evidence  # the statistics that decided
+    # the effect that was found with this evidence, where a likelier one has taken its place and was
+    # fitted instead
+    evidence_of: record.EffectName | None = record.optional()
     # whether the joint's sensor or its gear errs; of errors by its angle, where anything is known
     # of it
     witness: JointWitness | None = record.optional()
