@@ -15,6 +15,8 @@ from pa10cal.arrays import Array
 
 #: In the metadata of a field of a term: omitted from files where it has its default.
 OPTIONAL = "optional"
+#: Standard deviation of the starts of fits at random, in scales of the parameters (computing).
+_SCATTERED_SCALES = 5.0
 
 
 #: What a parameter describes.
@@ -35,7 +37,11 @@ Role = Literal[
 
 @dataclass(frozen=True)
 class TermParameter:
-    """One unknown of a model."""
+    """One unknown of a model.
+
+    Two are equal only if their scales and ranges are, which may come from a campaign: parameters of
+    two models are the same by name and unit, see `InOtherCampaigns.same_as`.
+    """
 
     name: str  # unique within a model
     unit: str  # SI unit
@@ -55,8 +61,8 @@ class Report:
     parameters: tuple[TermParameter, ...]  # k' reported parameters
     values: Array  # (k',) their values
     jacobian: Array  # (k', k) derivative by the solved parameters, for uncertainties
-    # (k',) derivative by a common relative error of all weights; None where they do not depend on
-    # the weights
+    # (k',) derivative by a common relative error of all weights, positive where it grows with them;
+    # None where they do not depend on the weights
     by_weights: Array | None = None
     # names of parameters that are zero by definition, as K_cub of a linear spring
     zero: frozenset[str] = frozenset()
@@ -91,10 +97,7 @@ Condition = Literal["temperature_C", "time_s"]
 
 
 class InPredictions(Protocol):
-    """What predictions ask of a term: `terms/model`, `fit/forward`, `fit/rigid`, `commands/models`.
-
-    `discovery/together`, `discovery/nameless` and `blocked_cv/search` choose effects by some of it.
-    """
+    """What predictions ask of a term; searches choose effects by some of it."""
 
     #: Whether it turns a joint under the torque that this carries, see `Yielding`.
     yields: ClassVar[bool] = False
@@ -137,10 +140,10 @@ class InPredictions(Protocol):
 
 
 class InFits(Protocol):
-    """What fits ask of a term: `calibration/`, `discovery/`, the cache of `terms/model`."""
+    """What fits ask of a term."""
 
     #: Whether it is a periodic spline of its joint's angle, solved in the errors at the knots: its
-    #: rows are sparse in B-splines. Asked by `is_error_map`, and of classes.
+    #: rows are sparse in B-splines.
     at_knots: ClassVar[bool] = False
 
     @property
@@ -155,7 +158,8 @@ class InFits(Protocol):
     def scattered(self: Term, generator: np.random.Generator, spread: float) -> Array:
         """Return parameters (k,) to start a fit from: nominal at spread 0, random at 1."""
         sizes = np.array([parameter.scale for parameter in self.parameters])
-        return np.asarray(5.0 * spread * sizes * generator.standard_normal(len(sizes)))
+        factor = _SCATTERED_SCALES * spread
+        return np.asarray(factor * sizes * generator.standard_normal(len(sizes)))
 
 
 @dataclass(frozen=True)
