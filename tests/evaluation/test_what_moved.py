@@ -72,7 +72,10 @@ def pair():
 @pytest.mark.parametrize("kind", ["pose", "points", "distance"])
 def test_nothing_moved_or_base_and_tool_alone(pair, kind):
     found = what_moved(*pair(Change(), kind))
-    assert found.verdict == found.line == "unchanged"
+    assert found.verdict == "unchanged"
+    # Whether a spring is identified in a campaign may differ.
+    assert not found.not_compared
+    assert found.line.partition("; in one model alone: joint_spring")[0].startswith("unchanged")
     assert found.chance > 0.01
     assert 0.2 * found.dof < found.chi_square < 2.5 * found.dof
     if kind != "distance":

@@ -107,11 +107,12 @@ class Differences:
 
 @dataclass(frozen=True, eq=False)
 class _Part:
-    """Differences of p parameters: of a term of the arm, of the tool, or of the base."""
+    """Differences of p parameters: of a term of the arm, of the tool or targets, or of the base."""
 
     parameters: tuple[TermParameter, ...]  # (p,) as the first model has them
     values: Array  # (p,) second less first
-    # (p,) which parameters they are in the first and in the second model
+    # (p,) which they are in the covariance of the first and of the second model; none of targets,
+    # which these do not contain
     in_first: Index
     in_second: Index
     # (p, p) derivative of the second model's parameters, as the first has them, by its own
@@ -125,35 +126,28 @@ def differences(first: FittedModel, second: FittedModel) -> Differences:
     first, second = _with_zero(first, only_first), _with_zero(second, only_second)
     common = _common_terms(first, second)
     of_arm = [_term_difference(first, second, *pair) for pair in common]
-    terms = tuple(_common_part(*pair) for pair in common)
-    tool, base = _tool_difference(first, second), _base_difference(first, second)
-    targets, targets_m = _target_differences(first, second)
-    if tool.parameters:
-        targets, targets_m = (), targets_m[:0]
-    before_targets = [*of_arm, tool]
-    arm_count = sum(len(part.values) for part in of_arm)
-    frame_count = len(tool.values) + len(targets_m)
-    covariance = _with_targets(
-        _covariance(first, second, [*before_targets, base]), arm_count, len(targets_m)
-    )
-    values = np.concatenate([*(part.values for part in before_targets), targets_m, base.values])
-    parameters = (
-        *(parameter for part in before_targets for parameter in part.parameters),
-        *targets,
-        *base.parameters,
-    )
+    end, base = _tool_difference(first, second), _base_difference(first, second)
+    if not end.parameters:
+        end = _target_difference(first, second)
+    parts = [*of_arm, end, base]
+    arm_count, end_count = sum(len(part.values) for part in of_arm), len(end.values)
+    parameters = tuple(parameter for part in parts for parameter in part.parameters)
+    values = np.concatenate([part.values for part in parts])
+    covariance = _covariance(first, second, parts)
+    if len(covariance) < len(values):
+        covariance = _with_targets(covariance, arm_count, end_count)
     not_compared = never_zero | _in_unlike_forms(first, second)
     not_compared |= _differ_without_uncertainty(parameters, values, covariance)
-    if not frame_count and (_has_end(first) or _has_end(second)):
+    if not end_count and (_has_end(first) or _has_end(second)):
         not_compared.add(_END)
     return Differences(
-        terms=terms,
+        terms=tuple(_common_part(*pair) for pair in common),
         x=np.concatenate([np.zeros(0), *(first.x[part.in_first] for part in of_arm)]),
         parameters=parameters,
         values=values,
         covariance=covariance,
-        tool_or_targets=arm_count + np.arange(frame_count),
-        base=arm_count + frame_count + np.arange(len(BASE)),
+        tool_or_targets=arm_count + np.arange(end_count),
+        base=arm_count + end_count + np.arange(len(BASE)),
         only_in_one=tuple(sorted(_springs_and_effects(first) ^ _springs_and_effects(second))),
         not_compared=tuple(sorted(not_compared)),
     )
@@ -277,8 +271,7 @@ def _tool_difference(first: FittedModel, second: FittedModel) -> _Part:
     """
     one, other = _tool_of(first), _tool_of(second)
     if one is None or other is None:
-        none = np.zeros(0, dtype=np.intp)
-        return _Part((), np.zeros(0), none, none, np.eye(0))
+        return _not_in_covariance((), np.zeros(0))
     turned_rad = (other.orientation * one.orientation.inv()).as_rotvec()
     difference = np.concatenate([other.position_m - one.position_m, turned_rad])
     common = [k for k, name in enumerate(TOOL) if name in one.index and name in other.index]
@@ -322,10 +315,8 @@ def _base_difference(first: FittedModel, second: FittedModel) -> _Part:
     return _Part(parameters, motion, len(first.x) + six, len(second.x) + six, np.eye(len(BASE)))
 
 
-def _target_differences(
-    first: FittedModel, second: FittedModel
-) -> tuple[tuple[TermParameter, ...], Array]:
-    """Return x, y and z of the targets that both models name, and their differences [m]."""
+def _target_difference(first: FittedModel, second: FittedModel) -> _Part:
+    """Return the differences of x, y and z of the targets that both models name [m]."""
     in_first, in_second = (
         dict(zip(model.target_names, model.targets_m.reshape(-1, 3), strict=True))
         for model in (first, second)
@@ -337,7 +328,13 @@ def _target_differences(
         for axis in "xyz"
     )
     by_m = [in_second[name] - in_first[name] for name in common]
-    return parameters, np.concatenate([np.zeros(0), *by_m])
+    return _not_in_covariance(parameters, np.concatenate([np.zeros(0), *by_m]))
+
+
+def _not_in_covariance(parameters: tuple[TermParameter, ...], values: Array) -> _Part:
+    """Return differences (p,) that the covariances of the models do not contain."""
+    none = np.zeros(0, dtype=np.intp)
+    return _Part(parameters, values, none, none, np.eye(0))
 
 
 # Covariance of the differences.
@@ -359,7 +356,7 @@ def _differ_without_uncertainty(
 
 
 def _covariance(first: FittedModel, second: FittedModel, parts: list[_Part]) -> Array:
-    """Return the covariance of the differences of these parts: the sum of both models'."""
+    """Return the covariance of the differences that the models' contain: the sum of both."""
     assert first.covariance is not None
     assert second.covariance is not None
     in_first = np.concatenate([part.in_first for part in parts])
