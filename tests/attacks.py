@@ -13,6 +13,7 @@ place of two seconds.
 
 from __future__ import annotations
 
+import gc
 import json
 import os
 import re
@@ -194,6 +195,8 @@ def _serve() -> None:
     limit_threads()
     for module in ("pandas", "pyarrow.parquet", "scipy.optimize", *_modules(COMMANDS)):
         import_module(module)
+    gc.collect()
+    gc.freeze()  # else each fork looks through all that was imported
     for line in sys.stdin:
         call = json.loads(line)
         began = time.monotonic()

@@ -7,6 +7,7 @@ checkout of its own.
 
 from __future__ import annotations
 
+import gc
 import json
 import os
 import re
@@ -23,6 +24,7 @@ TIMEOUT_S = 300
 _USED = (
     *("pandas", "pyarrow", "pydantic", "scipy.interpolate", "scipy.optimize", "yaml"),
     *("snakemake.profiles", "snakemake.report.html_reporter", "scipy.sparse.csgraph"),
+    *("snakemake.storage", "requests", "smart_open"),
 )
 
 
@@ -76,6 +78,8 @@ def _serve() -> None:
 
     for name in _USED:
         __import__(name)
+    gc.collect()
+    gc.freeze()  # else each fork looks through all that was imported
     places = sys.path[1:]
     for line in sys.stdin:
         call = json.loads(line)

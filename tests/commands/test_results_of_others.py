@@ -5,7 +5,9 @@ from __future__ import annotations
 import inspect
 import json
 import re
+import shlex
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import get_type_hints
 
@@ -23,28 +25,13 @@ EXAMPLE = ROOT / "examples/irb120-points"
 #: Commands that take results of another campaign: the parameters that name them, and a call. Those
 #: of campaign A are in {a}; what is written goes to {out}.
 TAKE = {
-    # Whole runs.
-    "run": ("prior settings", "run {raw}/b --out {results} --prior {a}"),
-    "run, a group": ("", "run {raw}/a {raw}/b --group g --out {results}"),
-    "fleet": ("settings", "fleet b --raw-dir {raw} --out {results} --settings {settings}"),
-    "chain": ("settings", "chain --campaign-dir {raw}/b --results {out}/b --settings {settings}"),
-    "chain, a group": ("", "chain --campaign-dir {raw}/a {raw}/b --results {out}"),
-    "report": ("results", "report {a} --out {out}/report.html"),
-    "report, of all": ("results", "report {results} --out {out}/report.html"),
-    "fleet_summary": (
-        "results",
-        "fleet_summary --campaigns * --raw-dir {raw} --results {results} --out {out}",
-    ),
-    "measured": (
-        "results",
-        "measured --campaign-dir {raw}/a {raw}/b --results {results} --out {out}",
-    ),
-    # A model in use.
-    "predict": ("model", "predict --model {a} --joints {joints} --out {out}/poses.csv"),
-    "compensate": ("model", "compensate --model {a} --targets {targets} --out {out}/q.csv"),
-    "compare": ("first second", "compare {a} {b} --out {out}/compare.json"),
-    "drift": ("models", "drift {a} {b} --out {out}/drift.json --figures {out}"),
     # Single steps.
+    "export": (
+        "poses calibration extended",
+        "export --campaign-dir {raw}/a --poses {a}/ingest/poses.parquet --calibration "
+        "{a}/calibration/combined.json --extended {a}/discovery/extended.json --model "
+        "{out}/model.yaml --urdf {out}/robot.urdf",
+    ),
     "calibrate": (
         "poses base_frame named prior settings",
         "calibrate --campaign-dir {raw}/b --poses {b}/ingest/poses.parquet --base-frame "
@@ -78,12 +65,6 @@ TAKE = {
         "{a}/calibration/combined.json --extended {a}/discovery/extended.json --out "
         "{out}/holdout.json",
     ),
-    "export": (
-        "poses calibration extended",
-        "export --campaign-dir {raw}/a --poses {a}/ingest/poses.parquet --calibration "
-        "{a}/calibration/combined.json --extended {a}/discovery/extended.json --model "
-        "{out}/model.yaml --urdf {out}/robot.urdf",
-    ),
     "montecarlo": (
         "same_arm",
         "montecarlo --campaign b --robot pa10_6ce --same-arm {a}/montecarlo --settings {few} "
@@ -92,6 +73,27 @@ TAKE = {
     "figures": (
         "results settings",
         "figures --results {a} --campaign-dir {raw}/a --out-dir {out} --figure where_joints",
+    ),
+    # A model in use.
+    "predict": ("model", "predict --model {a} --joints {joints} --out {out}/poses.csv"),
+    "compensate": ("model", "compensate --model {a} --targets {targets} --out {out}/q.csv"),
+    "compare": ("first second", "compare {a} {b} --out {out}/compare.json"),
+    "drift": ("models", "drift {a} {b} --out {out}/drift.json --figures {out}"),
+    # Whole runs.
+    "run": ("prior settings", "run {raw}/b --out {results} --prior {a}"),
+    "run, a group": ("", "run {raw}/a {raw}/b --group g --out {results}"),
+    "fleet": ("settings", "fleet b --raw-dir {raw} --out {results} --settings {settings}"),
+    "chain": ("settings", "chain --campaign-dir {raw}/b --results {out}/b --settings {settings}"),
+    "chain, a group": ("", "chain --campaign-dir {raw}/a {raw}/b --results {out}"),
+    "report": ("results", "report {a} --out {out}/report.html"),
+    "report, of all": ("results", "report {results} --out {out}/report.html"),
+    "fleet_summary": (
+        "results",
+        "fleet_summary --campaigns * --raw-dir {raw} --results {results} --out {out}",
+    ),
+    "measured": (
+        "results",
+        "measured --campaign-dir {raw}/a {raw}/b --results {results} --out {out}",
     ),
 }
 #: Parameters that name no results of another campaign, of every command or of one: raw files,
@@ -199,7 +201,39 @@ def taken_as_made(raw, results, monkeypatch):
         assert main(["run", str(raw), "--out", str(results)]) == 0
 
 
-@pytest.mark.slow_but_one_in(19)
+def in_this_process(call_snakemake, run):
+    """Return a stand-in for a run of the workflow: commands as it plans them, none as a process."""
+
+    def run_workflow(workflow, display):
+        assert workflow.file == "workflow/run.smk"
+        words = replace(workflow, more=("--dry-run", "--printshellcmds")).command[3:]
+        code, text = call_snakemake(*words, cwd=workflow.results)
+        assert code == 0, text
+        for line in re.findall(r"python -m pa10cal (.*) 2>&1 \| tee", text):
+            run.append(shlex.split(line))
+            assert main(run[-1]) == 0
+
+    return run_workflow
+
+
+def test_a_run_with_a_prior_leaves_it_as_it_was(made, tmp_path, monkeypatch, call_snakemake):
+    run = []
+    monkeypatch.setattr(
+        "pa10cal.running.workflow.run_workflow", in_this_process(call_snakemake, run)
+    )
+    results = tmp_path / "results"
+    a = shutil.copytree(made / "results/a", results / "a")
+    before = state(a)
+    words = ["run", str(made / "raw/b"), "--out", str(results), "--prior", str(a)]
+    assert main(words) == 0
+    assert {"ingest", "seed", "calibrate", "discover", "evaluate", "export", "figures"} <= {
+        command for command, *_ in run
+    }
+    assert (results / "b/report.html").is_file()
+    assert state(a) == before
+
+
+@pytest.mark.slow_but_one_in(16)
 @pytest.mark.parametrize("row", TAKE)
 def test_results_of_another_campaign_are_as_they_were(made, tmp_path, monkeypatch, row):
     shutil.copytree(made / "results", tmp_path / "results")
