@@ -194,10 +194,12 @@ def _show_rounding(readings: Observations, chain: Chain, payload: Payload | None
     if left is None:
         return False
     none, one, most = (np.full(len(u), times) for times in (0.0, 1.0, _MOST_TIMES))
-    of_any, times = left.log_likelihood(u, none, most)
     by_rounding, _ = left.log_likelihood(u, one, most)
     of_noise, _ = left.log_likelihood(u, none, none)
-    if by_rounding < max(of_any - _MOST_LOST, of_noise + _GAIN):
+    if by_rounding < of_noise + _GAIN:
+        return False
+    of_any, times = left.log_likelihood(u, none, most)
+    if by_rounding < of_any - _MOST_LOST:
         return False
     if left.log_likelihood(u, one, one)[0] > of_any - _AS_LIKELY:
         return True
@@ -272,19 +274,24 @@ class _Left(NamedTuple):
         """
         kinds = len(self.of_kinds)
         joints = np.einsum("pbj,pcj->jpbc", self.by_joints, self.by_joints)
-        joints *= (u**2)[:, None, None, None]
+        joints = (joints * (u**2)[:, None, None, None]).reshape(len(u), -1)
 
-        def cost(x: Array) -> float:
+        def cost(x: Array) -> tuple[float, Array]:
             size = np.exp(x[:kinds]) @ self.of_kinds
-            covariance = self.covariance * size[:, None] * size
-            covariance = covariance + np.tensordot(x[kinds:] ** 2, joints, 1)
+            noise = self.covariance * size[:, None] * size
+            covariance = noise + (x[kinds:] ** 2 @ joints).reshape(noise.shape)
             _, log_det = np.linalg.slogdet(covariance)
-            solved = np.linalg.solve(covariance, self.residual[:, :, None])[..., 0]
-            return 0.5 * float(np.sum(log_det) + np.sum(self.residual * solved))
+            inverse = np.linalg.inv(covariance)
+            solved = (inverse @ self.residual[:, :, None])[..., 0]
+            value = 0.5 * float(np.sum(log_det) + np.sum(self.residual * solved))
+            by_covariance = 0.5 * (inverse - solved[:, :, None] * solved[:, None])
+            by_kinds = 2.0 * self.of_kinds @ (by_covariance * noise).sum(axis=(0, 2))
+            by_times = 2.0 * x[kinds:] * (joints @ by_covariance.ravel())
+            return value, np.concatenate([by_kinds, by_times])
 
         start = np.concatenate([np.zeros(kinds), np.clip(1.0, least, most)])
         bounds = [(-5.0, 10.0)] * kinds + list(zip(least, most, strict=True))
-        found = minimize(cost, start, bounds=bounds, method="L-BFGS-B")
+        found = minimize(cost, start, jac=True, bounds=bounds, method="L-BFGS-B")
         return -float(found.fun), np.asarray(found.x[kinds:])
 
 
