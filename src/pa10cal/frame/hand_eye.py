@@ -139,14 +139,14 @@ def refined(
     """
     all_identified = False
     for _ in range(1 if roughly else _PASSES):
-        by_step, base = _linearise(problem, guess).by_step, problem.base_unknowns
-        split = split_identified(by_step[:, base:], by_step[:, :base])
+        start, at_start, base = guess, _linearise(problem, guess), problem.base_unknowns
+        split = split_identified(at_start.by_step[:, base:], at_start.by_step[:, :base])
         if all_identified and not split.unidentified.size:
             break
         all_identified = not split.unidentified.size
         guess, linearised = descend(
-            guess,
-            partial(_linearise, problem, free=split.identified),
+            start,
+            partial(_linearise_free, problem, split.identified, (start, at_start)),
             partial(_moved, base=base, free=split.identified),
             _ROUGHLY if roughly else SMALL_GAIN,
             most_steps,
@@ -196,13 +196,28 @@ def _residuals(problem: TargetProblem, guess: Guess, p_base_m: Array) -> tuple[A
     return residuals_m, Rotation.from_matrix(differences, assume_valid=True).as_rotvec()
 
 
-def _linearise(problem: TargetProblem, guess: Guess, *, free: Array | None = None) -> Linearised:
+def _linearise_free(
+    problem: TargetProblem, free: Array, known: tuple[Guess, Linearised], guess: Guess
+) -> Linearised:
     """Return the weighted problem, linear in the step of `_moved`.
 
-    The derivative of a squared angle by a small turn is exact also where the angle is not small.
-
     Args:
-        free: (t, f) directions of the targets in which they move; None for all.
+        free: (t, f) directions of the targets in which they move.
+        known: a guess, and the problem there with all directions.
+    """
+    at, here = known
+    if guess is not at:
+        here = _linearise(problem, guess)
+    base, count = problem.base_unknowns, free.shape[1]
+    by_step = here.by_step[:, : base + count].copy()
+    by_step[:, base:] = here.by_step[:, base:] @ free
+    return Linearised(by_step, here.residual)
+
+
+def _linearise(problem: TargetProblem, guess: Guess) -> Linearised:
+    """Return the weighted problem, linear in steps of the base and of the targets in any direction.
+
+    The derivative of a squared angle by a small turn is exact also where the angle is not small.
     """
     p_base_m = problem.in_base(guess.p_ee_m)
     residuals_m, residuals_rad = _residuals(problem, guess, p_base_m)
@@ -225,10 +240,6 @@ def _linearise(problem: TargetProblem, guess: Guess, *, free: Array | None = Non
         of_turns[:, :, 3:6] = root[:, None, None] * np.eye(3)
         of_turns[:, :, -3:] = root[:, None, None] * problem.R_base
         residual.append(root[:, None] * residuals_rad)
-    if free is not None:
-        base, count = problem.base_unknowns, free.shape[1]
-        by_step[:, base : base + count] = by_step[:, base:] @ free
-        by_step = by_step[:, : base + count]
     return Linearised(by_step, np.concatenate(residual).ravel())
 
 
@@ -286,7 +297,7 @@ def hand_eye_from_poses(
     """
     p_instr_m, R_instr = T_instr_target[:, None, :3, 3], T_instr_target[:, :3, :3]
     problem = TargetProblem.of(T_base_ee, p_instr_m, np.zeros((1, 3)), weights, R_instr)
-    few = problem.thinned()
+    few = problem.thinned
     R_instr_target = np.asarray(few.R_instr_target)
     turns = [
         turn_by_orientations(few, R_instr_target),
@@ -347,7 +358,7 @@ def hand_eye_from_points(
         )
     p_ee_m = np.zeros((targets, 3)) if p_ee_stated_m is None else p_ee_stated_m
     problem = TargetProblem.of(T_base_ee, p_instr_m, p_ee_m, weights)
-    few = problem.thinned()
+    few = problem.thinned
     turns = turns_by_positions(few)
     if not turns:
         raise CalibrationError(
@@ -388,7 +399,7 @@ def ranging(
     problem = TargetProblem.of(T_base_ee, origin, p_ee_m, weights, d_m=d_m)
     starts = [
         Guess(np.eye(3), -point_m, target_m[None], np.eye(3))
-        for point_m, target_m in points_by_distances(problem.thinned())
+        for point_m, target_m in points_by_distances(problem.thinned)
     ]
     return _best(problem, starts, ["the target"], roughly)
 
@@ -397,7 +408,7 @@ def _best(
     problem: TargetProblem, starts: Sequence[Guess], names: list[str], roughly: bool
 ) -> Located:
     """Return the best of all refined starts; a sample of the poses decides which is best."""
-    few, directional = problem.thinned(), problem.d_m is None
+    few, directional = problem.thinned, problem.d_m is None
     ends: list[_Refined] = []
     for start in starts:
         if not (directional and any(_leads_to(start, end.guess) for end in ends)):

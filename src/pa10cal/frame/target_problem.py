@@ -94,6 +94,7 @@ class TargetProblem:
         """Return how many orientations were measured."""
         return 0 if self.R_instr_target is None else len(self.R_instr_target)
 
+    @cached_property
     def thinned(self) -> TargetProblem:
         """Return the problem of a random sample of the poses, always the same; itself if few."""
         most = _MOST_POSES if self.d_m is None else _MOST_DISTANCES
