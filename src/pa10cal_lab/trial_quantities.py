@@ -53,10 +53,13 @@ class Quantity(NamedTuple):
         return rows if rows.empty or not self.where else rows[_evaluated(rows, self.where)]
 
     def valued(self, rows: pd.DataFrame) -> pd.DataFrame:
-        """Return the rows with a column `value`, those without a value left out."""
+        """Return campaign, group and `value` of rows alone, those without a value left out."""
         if rows.empty:
             return pd.DataFrame(columns=["campaign", "value", self.by])
-        return rows.assign(value=_evaluated(rows, self.value)).dropna(subset=["value"])
+        value = _evaluated(rows, self.value)
+        read = {name: rows[name] for name in ("campaign", self.by) if name in rows}
+        table = pd.DataFrame(read | {"value": value})
+        return table[table["value"].notna()]
 
     def score(self, values: Array, by: str = "") -> results.ScoreRow:
         """Return the figure of values, compared with the target."""
@@ -110,5 +113,12 @@ def share_of(outcomes: Collection[Any]) -> dict[str, Any]:
     if not len(outcomes):
         return {"count": 0, "reached": None, "low": 0.0, "high": 1.0}
     count, total = sum(map(bool, outcomes)), len(outcomes)
+    low, high = _interval(count, total)
+    return {"count": count, "reached": count / total, "low": low, "high": high}
+
+
+@cache
+def _interval(count: int, total: int) -> tuple[float, float]:
+    """Return the exact confidence interval of a share; many figures have the same counts."""
     low, high = binomtest(count, total).proportion_ci(_LEVEL, method="exact")
-    return {"count": count, "reached": count / total, "low": float(low), "high": float(high)}
+    return float(low), float(high)

@@ -6,12 +6,29 @@ import numpy as np
 import pytest
 
 from pa10cal.discovery.discover import with_predicted
+from pa10cal.discovery.field import field_of
 from pa10cal.discovery.gap import fallen_back
 from pa10cal.discovery.verdict_records import verdict_keys
 from pa10cal.fit.fitted import FallBack
 from pa10cal.fit.model_reading import load_model
 from pa10cal.fit.validity import nothing_seen, span_visited
 from pa10cal.terms.wording import headline, sentences
+
+
+@pytest.fixture(scope="module", autouse=True)
+def fields_fitted_once():
+    """Fit the field of a model and poses once: most tests change only what is said of them."""
+    known = {}
+
+    def once(model, poses, nameless=()):
+        key = id(poses), model.model.terms, model.x.tobytes(), tuple(nameless)
+        if key not in known:
+            known[key] = poses, field_of(model, poses, nameless)  # poses are kept with their id
+        return known[key][1]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("pa10cal.discovery.discover.field_of", once)
+        yield
 
 
 def test_where_nothing_is_left_nothing_is_predicted(nothing_hidden, wave):

@@ -243,9 +243,13 @@ def unit_deflection(t: Array, share: float) -> UnitDeflection:
         # Cardano in its hyperbolic form has no cancellation; one Newton step removes rounding.
         reach = np.sqrt(3.0 * share / (1.0 - share))
         x = 2.0 / reach * np.sinh(np.arcsinh(1.5 * reach * t / (1.0 - share)) / 3.0)
-        x = x - ((1.0 - share) * x + share * x**3 - t) / ((1.0 - share) + 3.0 * share * x**2)
-    slope = (1.0 - share) + 3.0 * share * x**2
-    return UnitDeflection(x, (x - x**3) / slope)
+        square = x * x  # a third power costs as much as all the rest
+        x = x - ((1.0 - share) * x + share * x * square - t) / (
+            (1.0 - share) + 3.0 * share * square
+        )
+    square = x * x
+    slope = (1.0 - share) + 3.0 * share * square
+    return UnitDeflection(x, (x - x * square) / slope)
 
 
 def deflection_rad(tau_Nm: Array, k_lin: float, k_cub: float) -> Array:
