@@ -114,7 +114,8 @@ class Finding(Generic[ProofT]):
     effect: Effect  # which, and where
     x: Array  # (k,) its reported parameters
     covariance: Array  # (k, k) of them
-    alternatives: tuple[Effect, ...]  # effects that explain the data as well in its place
+    # effects that explain the data as well in its place, of each name one form
+    alternatives: tuple[Effect, ...]
     proof: ProofT
     rivals: tuple[Rival, ...] = ()  # every effect that was tried in its place, with its score
     # the effect whose evidence `proof` is, where this one has taken its place; None for its own

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,8 +17,10 @@ from calibrated import general
 from changed_arm import Change, draw_changed, plan_of
 from made_up_model import fitted_to
 from pa10cal.calibration.general.calibrate import find_start
-from pa10cal.calibration.general.case import fitted, with_discrepancy
+from pa10cal.calibration.general.case import fitted, general_case, with_discrepancy
 from pa10cal.calibration.general.other_campaign import calibrate_from, prior_of, refuse_unsound
+from pa10cal.calibration.load_case import LoadCase
+from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.discovery.discover import discover
 from pa10cal.discovery.preparation import MeasurementSetup
 from pa10cal.errors import CalibrationError
@@ -184,6 +187,18 @@ def test_a_map_of_the_prior_stays_where_no_pose_was(arms):
     verdict = discover(seen, found, setup)
     assert verdict.verdict == "not_sought"
     assert "has maps of joints already" in verdict.why
+
+
+def test_a_calibration_names_the_readings_of_its_priors(arms):
+    model, seen, payload, _ = arms("pose", Change())
+    about = fitted_to("july", readings=("of july",), readings_of_prior=("of june",))
+    campaign = SimpleNamespace(
+        name="august", provenance="", robot=ARM.name, payload=lambda _arm: payload, campaigns=()
+    )
+    options, prior = CalibrationOptions(), replace(model, fitted_to=about)
+    case = LoadCase(campaign, ARM, seen.take(slice(20)), "combined", options, prior=prior)
+    record, _ = general_case(case, find_start(ARM, seen))
+    assert list(record.fitted_model["fitted_to"]["readings_of_prior"]) == ["of july", "of june"]
 
 
 def test_what_is_a_campaigns_own_does_not_carry_over(arms):

@@ -380,7 +380,7 @@ def _with_time(
       under that noise;
     - no such motion, but a drift, or running medians that differed: the noise is that of repeats as
       they are, since what they differ by is no motion of the whole;
-    - neither: the noise stays as it is.
+    - neither: the noise stays as it is, in the second round less the motion of the first.
 
     Raises:
         DiscoveryError: when too little is repeated.
