@@ -12,6 +12,7 @@ import yaml
 from made_up_sightings import described
 from made_up_two_logs import JOINTS, PLACE, two_logs
 from pa10cal.campaign.read import read_campaign
+from pa10cal.campaign.table import read_observations, write_pose_table
 from pa10cal.errors import Pa10calError
 
 #: Runs joined by time, and runs shifted by a row; a few of each in the quick suite.
@@ -243,6 +244,28 @@ def test_dwells_of_a_dense_log_have_uncertainties(tmp_path, stated):
         np.testing.assert_allclose(log.tau_u, 0.2)
     else:
         assert np.median(log.tau_u / scatter) == pytest.approx(1.0, rel=0.1)
+
+
+def test_rounded_positions_of_a_dense_log_are_uncertain_in_the_covariance(tmp_path):
+    """All samples of a dwell share their rounding, so that no scatter and no repeat shows it."""
+    logs = two_logs(tmp_path, 0, poses=60, noise_deg=0.0)
+    exact = logs.joints[JOINTS].copy()
+    stamps = {"names": "Zeitstempel", "format": "%d.%m.%Y %H:%M:%S.%f"}
+    found = []
+    for step_deg in (0.0, 0.1):
+        logs.joints[JOINTS] = step_deg * np.round(exact / step_deg) if step_deg else exact
+        how = {"time": {"names": ["Zeit [s]"]}}
+        found.append(read_with(tmp_path, logs, {"time": stamps}, **how).observations)
+    before, after = found
+    assert after.log.samples.min() > 1
+    assert not before.log.q_u_stated.any()
+    np.testing.assert_allclose(after.log.q_u_stated, np.radians(0.1) / np.sqrt(12.0))
+    more = after.measured.stated_covariance - before.measured.stated_covariance
+    assert (np.trace(more, axis1=1, axis2=2) > 0.0).all()
+    write_pose_table(tmp_path / "poses.parquet", after, np.zeros(6, dtype=bool), "made-up")
+    description = read_campaign(tmp_path / "mine").description
+    again = read_observations(tmp_path / "poses.parquet", description)
+    np.testing.assert_array_equal(again.log.q_u_stated, after.log.q_u_stated)
 
 
 def test_labels_join_whatever_the_order(tmp_path, written):

@@ -180,7 +180,8 @@ def with_rounding(
     if log is None or not u.any() or not _show_rounding(readings, Chain.of(arm), payload, u):
         return readings, {}
     q_u = np.hypot(np.nan_to_num(log.q_u), u)
-    return replace(readings, log=replace(log, q_u=q_u)), steps
+    rounded = np.hypot(0.0 if log.q_u_rounded is None else log.q_u_rounded, np.full_like(q_u, u))
+    return replace(readings, log=replace(log, q_u=q_u, q_u_rounded=rounded)), steps
 
 
 def _show_rounding(readings: Observations, chain: Chain, payload: Payload | None, u: Array) -> bool:

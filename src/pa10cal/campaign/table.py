@@ -253,6 +253,7 @@ def _observations(
     of_joints = {
         quantity: np.column_stack([columns[name] for name in names]).astype(float)
         for quantity, names in _joint_columns(prismatic).items()
+        if quantity != "q_u_rounded" or set(names) <= columns.keys()
     }
     states = PoseStates(
         q_rad=of_joints["q"],
@@ -270,7 +271,12 @@ def _observations(
         kind=columns["kind"].astype(str),
         repeat=columns["repeat"].astype(np.int64),
         readings=np.ones(len(columns["pose"]), dtype=np.int64),
-        log=JointLog(of_joints["q_u"], of_joints["tau_u"], columns["dwell_samples"].astype(int)),
+        log=JointLog(
+            of_joints["q_u"],
+            of_joints["tau_u"],
+            columns["dwell_samples"].astype(int),
+            of_joints.get("q_u_rounded"),
+        ),
         base=base,
     )
 
@@ -288,9 +294,10 @@ def _columns(every: Observations, prismatic: Mask) -> dict[str, object]:
         **({} if states.timed is None else {_TIMED: states.timed}),
     }
     arrival: NDArray[Any] = states.arrival.astype(np.int8)
-    of_joints = (states.q_rad, log.q_u, states.tau_Nm, log.tau_u, arrival)
+    of_joints = (states.q_rad, log.q_u, log.q_u_rounded, states.tau_Nm, log.tau_u, arrival)
     for names, values in zip(_joint_columns(prismatic).values(), of_joints, strict=True):
-        columns |= dict(zip(names, values.T, strict=True))
+        if values is not None:
+            columns |= dict(zip(names, values.T, strict=True))
     if states.campaign is not None:
         campaigns = np.array([name for name, _ in every.measured.campaigns], dtype=object)
         columns[_CAMPAIGN] = campaigns[states.campaign]
@@ -306,6 +313,7 @@ def _joint_columns(prismatic: Mask) -> dict[str, list[str]]:
     return {
         "q": [f"q{k}_{unit}" for k, unit in units],
         "q_u": [f"q{k}_u_{unit}" for k, unit in units],
+        "q_u_rounded": [f"q{k}_u_rounded_{unit}" for k, unit in units],
         "tau": [f"tau{k}_Nm" for k, _ in units],
         "tau_u": [f"tau{k}_u_Nm" for k, _ in units],
         "arrival": [f"s{k}" for k, _ in units],

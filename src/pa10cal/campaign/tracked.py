@@ -283,12 +283,14 @@ def _as_readings(
         time_s=raw["time_s"],
     )
     u_q = uncertainties(q)
+    rounded = np.zeros_like(u_q)
     for axis, counts in counts_per_turn.items():
-        u_q[:, axis] = uncertainty_of(360.0 / counts)
+        u_q[:, axis] = rounded[:, axis] = uncertainty_of(360.0 / counts)
     log = JointLog(
         coupling.uncertainty(in_radians(u_q, arm.axes_slide)),
         coupling.beside_joints(uncertainties(tau)),
         np.nan_to_num(raw.numbers_of(["dwell_samples"])[:, 0]).astype(np.int64),
+        coupling.uncertainty(in_radians(rounded, arm.axes_slide)) if counts_per_turn else None,
     )
     values, u = raw.numbers_of(measured.names), uncertainties(measured.names)
     u_base, u_m = uncertainties(on_base), stated.uncertainty_m

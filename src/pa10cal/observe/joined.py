@@ -445,13 +445,7 @@ def concatenated(
             [np.broadcast_to(part.states.tells_time, len(part)) for part in parts]
         )
     logs = [part.log for part in parts if part.log is not None]
-    log = None
-    if len(logs) == len(parts):
-        log = JointLog(
-            q_u=np.concatenate([part.q_u for part in logs]),
-            tau_u=np.concatenate([part.tau_u for part in logs]),
-            samples=np.concatenate([part.samples for part in logs]),
-        )
+    log = JointLog.joined(logs) if len(logs) == len(parts) else None
     return Observations(
         pose=np.concatenate([part.pose for part in parts]),
         states=PoseStates(**arrays, campaign=campaign, timed=timed),

@@ -42,14 +42,35 @@ class JointLog:
     q_u: Array  # (P, n) standard uncertainty of the mean position [rad, m], nan where unknown
     tau_u: Array  # (P, n) standard uncertainty of the mean torque [N m, N], nan where unknown
     samples: NDArray[np.int64]  # (P,) samples averaged; 0 where there is no log
+    # (P, n) the part of q_u by rounding, which all samples at rest share; None where none is known
+    q_u_rounded: Array | None = None
 
     @property
     def q_u_stated(self) -> Array:
         """Return the uncertainty of positions that a file states, (P, n); 0 where it states none.
 
-        That of a dwell of several samples is their scatter, which repeats show as well.
+        That of a dwell of several samples is their scatter, which repeats show as well, but for
+        their rounding.
         """
-        return np.where(self.samples[:, None] <= 1, np.nan_to_num(self.q_u), 0.0)
+        stated = np.where(self.samples[:, None] <= 1, np.nan_to_num(self.q_u), 0.0)
+        return stated if self.q_u_rounded is None else np.maximum(stated, self.q_u_rounded)
+
+    @classmethod
+    def joined(cls, logs: Sequence[JointLog]) -> JointLog:
+        """Return the logs of several campaigns as one."""
+        rounded = None
+        if any(log.q_u_rounded is not None for log in logs):
+            exact = (np.zeros_like(log.q_u) for log in logs)
+            parts = zip(logs, exact, strict=True)
+            rounded = np.concatenate(
+                [none if log.q_u_rounded is None else log.q_u_rounded for log, none in parts]
+            )
+        return cls(
+            q_u=np.concatenate([log.q_u for log in logs]),
+            tau_u=np.concatenate([log.tau_u for log in logs]),
+            samples=np.concatenate([log.samples for log in logs]),
+            q_u_rounded=rounded,
+        )
 
     def take(self, rows: Rows) -> JointLog:
         """Return some of the configurations."""
