@@ -34,7 +34,7 @@ from pa10cal.discovery.rules import CANDIDATES, MOTION
 from pa10cal.discovery.target_wander import target_wander
 from pa10cal.discovery.tuning import none_and_spaced
 from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.numerics.gaussian import Gaussian
+from pa10cal.numerics.gaussian import Gaussian, Gaussians
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.time_order import (
     Threshold,
@@ -237,19 +237,23 @@ class _TimedRows:
         """Return the greatest log evidence with each jump, (J,), and the size and turn with it."""
         reduced = self._reduced((*wander.jumps, *tried), keep=False)
         at = self._places(wander, between=len(tried))
-        best_nats = np.full(len(tried), -np.inf)
-        best_sizes = [(0.0, 0.0)] * len(tried)
-        for motions in reduced:
+        tried_sizes = list(product(MOTION.jumps_m, MOTION.turns_rad_per_m))
+        sizes_of_step = np.array([sizes_of_motions(*each) for each in tried_sizes])
+        nats = np.empty((len(tried), len(reduced), len(tried_sizes)))
+        for column, motions in enumerate(reduced):
             sizes = np.ones(motions.unknowns)
             sizes[at] = wander.sizes
             steps = motions.in_sizes(sizes).without(at)  # six motions of each jump tried
-            for k in range(len(tried)):
-                step = steps.along(np.arange(6 * k, 6 * k + 6))
-                for size_m, turn in product(MOTION.jumps_m, MOTION.turns_rad_per_m):
-                    nats, _ = self._log_evidence(step.in_sizes(sizes_of_motions(size_m, turn)))
-                    if nats > best_nats[k]:
-                        best_nats[k], best_sizes[k] = nats, (size_m, turn)
-        return best_nats, best_sizes
+            each_step = Gaussians.of(
+                steps.along(np.arange(6 * k, 6 * k + 6)) for k in range(len(tried))
+            )
+            sized = each_step.for_each(sizes_of_step)
+            nats[:, column], _ = self._log_evidence(
+                sized.residual_squares, sized.log_det + sized.log_precision
+            )
+        of_jump = nats.reshape(len(tried), -1)
+        best = of_jump.argmax(axis=1).tolist()
+        return of_jump.max(axis=1), [tried_sizes[k % len(tried_sizes)] for k in best]
 
     def about(self, wander: Wander, reduced: list[Gaussian] | None = None) -> _Likelihood:
         """Return the evidence of a motion at the best variance of the shared error."""
@@ -257,17 +261,21 @@ class _TimedRows:
         best = _Likelihood(-np.inf, Gaussian.none(0), 1.0)
         for motions in reduced or self._reduced(wander.jumps):
             courses = motions.along(at).in_sizes(wander.sizes)
-            nats, variance = self._log_evidence(courses)
+            alone = courses.without(np.arange(courses.unknowns))
+            nats, variance = self._log_evidence(np.array(alone.squares), np.array(alone.log_det))
             if nats > best.nats:
-                best = _Likelihood(nats, courses, float(np.sqrt(variance)))
+                best = _Likelihood(float(nats), courses, float(np.sqrt(variance)))
         return best
 
-    def _log_evidence(self, courses: Gaussian) -> tuple[float, float]:
-        """Return the log evidence at the likeliest variance of whitened rows, and the variance."""
-        alone = courses.without(np.arange(courses.unknowns))
-        variance = max(alone.squares / self._seen, MOTION.least_noise_share**2)
-        logarithm = self._seen * float(np.log(variance)) + alone.squares / variance
-        return -0.5 * (logarithm + alone.log_det), variance
+    def _log_evidence(self, squares: Array, log_det: Array) -> tuple[Array, Array]:
+        """Return the log evidence at the likeliest variance of whitened rows, and the variance.
+
+        Args:
+            squares, log_det: (...) of models whose unknowns are all integrated out.
+        """
+        variance = np.maximum(squares / self._seen, MOTION.least_noise_share**2)
+        logarithm = self._seen * np.log(variance) + squares / variance
+        return -0.5 * (logarithm + log_det), variance
 
     def _places(self, wander: Wander, between: int = 0) -> Index:
         """Return the columns of jumps and walk where more jumps are tried between them."""

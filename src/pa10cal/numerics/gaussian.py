@@ -262,6 +262,12 @@ class Gaussians:
         scales = sizes[..., :, None] * sizes[..., None, :]
         return replace(self, gram=self.gram * scales, projection=self.projection * sizes)
 
+    def for_each(self, sizes: Array) -> Gaussians:
+        """Return each model (m,) in each of s sizes (s, k), see `in_sizes`, (m, s)."""
+        squares, log_det = self.squares[:, None], self.log_det[:, None]
+        once = Gaussians(self.gram[:, None], self.projection[:, None], squares, log_det)
+        return once.in_sizes(sizes)
+
     def of_each_further(self, across: Array, gram: Array, projection: Array) -> Gaussians:
         """Return `Gaussian.of_each_further` for every model (v,) and each of m sets, (v, m).
 

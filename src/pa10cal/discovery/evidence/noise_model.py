@@ -85,7 +85,10 @@ def shared_error(cells: Observations, seen: Mask) -> SharedByCells:
         # a shared error is sqrt(k) larger.
         sizes = _amplitudes(cells.states.take(here)) * np.sqrt(cells.readings[here])[:, None]
         # Components that the same cells have, mostly all of them, are rotated alike.
-        patterns, pattern = np.unique(seen[here], axis=1, return_inverse=True)
+        if seen[here].all():
+            patterns, pattern = seen[here, :1], np.zeros(seen.shape[1], dtype=np.intp)
+        else:
+            patterns, pattern = np.unique(seen[here], axis=1, return_inverse=True)
         for number, had in enumerate(patterns.T):
             of_pattern = row[here][:, pattern.ravel() == number]
             with_it, without = of_pattern[had], of_pattern[~had].ravel()
