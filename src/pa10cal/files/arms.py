@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, Literal
@@ -101,6 +102,12 @@ def load_arm(name: str, folder: Path | None = None, arms: Path | None = None) ->
         if (known := known_arm(name)) is not None:
             return known.imported.arm
         raise _unknown_robot(name, folder, arms)
+    return _shipped_arm(name)
+
+
+@cache
+def _shipped_arm(name: str) -> Arm:
+    """Return a shipped arm; a command asks for its arm many times."""
     text = files("pa10cal.files").joinpath("arms", f"{name}.yaml").read_text(encoding="utf-8")
     return parse_arm(parse_yaml(text), where=f"{name}.yaml")
 
