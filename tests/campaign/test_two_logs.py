@@ -56,6 +56,7 @@ def test_clocks_that_are_hours_apart_are_joined_by_the_motion(tmp_path, written,
         np.testing.assert_allclose(q_rad, logs.q_rad, atol=2e-4)
 
 
+@pytest.mark.slow_but_one_in(3)
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_blank_reading_does_not_move_the_clock_by_a_pose(tmp_path, written, seed):
     """All poses take equally long, so only the nominal arm shows which offset is right."""
