@@ -15,7 +15,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from pa10cal.arm.statics import PoseStates
-from pa10cal.arrays import Array, Mask
+from pa10cal.arrays import Array, Index, Mask
 from pa10cal.discovery.noise import mean_covariance, same_circumstances
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.observations import Observations, average_groups
@@ -78,9 +78,15 @@ def shared_error(cells: Observations, seen: Mask) -> SharedByCells:
     """
     row = np.arange(seen.size).reshape(seen.shape)
     variance = np.zeros(seen.size)
-    entries = []  # of the rotation: rows, columns and values
-    for pose in np.unique(cells.pose):
-        here = np.flatnonzero(cells.pose == pose)
+    _, number, count = np.unique(cells.pose, return_inverse=True, return_counts=True)
+    # A cell that is alone has the error of its pose as it is.
+    alone = count[number] == 1
+    variance[row[alone]] = np.where(seen[alone], cells.readings[alone, None], 0.0)
+    of_alone = row[alone].ravel()
+    # of the rotation: rows, columns and values
+    entries: list[tuple[Array | Index, ...]] = [(of_alone, of_alone, np.ones(len(of_alone)))]
+    for pose in np.flatnonzero(count > 1):
+        here = np.flatnonzero(number == pose)
         # The noise of a mean of k readings is sqrt(k) smaller than that of one, so that in its unit
         # a shared error is sqrt(k) larger.
         sizes = _amplitudes(cells.states.take(here)) * np.sqrt(cells.readings[here])[:, None]
@@ -89,13 +95,13 @@ def shared_error(cells: Observations, seen: Mask) -> SharedByCells:
             patterns, pattern = seen[here, :1], np.zeros(seen.shape[1], dtype=np.intp)
         else:
             patterns, pattern = np.unique(seen[here], axis=1, return_inverse=True)
-        for number, had in enumerate(patterns.T):
-            of_pattern = row[here][:, pattern.ravel() == number]
+        for k, had in enumerate(patterns.T):
+            of_pattern = row[here][:, pattern.ravel() == k]
             with_it, without = of_pattern[had], of_pattern[~had].ravel()
             eigenvalues, vectors = np.linalg.eigh(sizes[had] @ sizes[had].T)
             variance[with_it] = np.maximum(eigenvalues, 0.0)[:, None]
             entries += [
-                np.broadcast_arrays(with_it[:, None], with_it[None], vectors.T[:, :, None]),
+                tuple(np.broadcast_arrays(with_it[:, None], with_it[None], vectors.T[:, :, None])),
                 (without, without, np.ones(len(without))),
             ]
     rows, columns, values = (
