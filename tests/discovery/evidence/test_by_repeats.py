@@ -12,7 +12,7 @@ from made_up_poses import at_rest
 from pa10cal.discovery.discover import discover
 from pa10cal.discovery.evidence import by_repeats
 from pa10cal.discovery.evidence.by_repeats import ByRepeats
-from pa10cal.discovery.evidence.judge import floor_mm
+from pa10cal.discovery.evidence.judge import noise_floor_mm
 from pa10cal.discovery.next_poses import unresolved_pairs
 from pa10cal.discovery.nuisances import Jump, Wander
 from pa10cal.discovery.verdict_records import verdict_keys
@@ -129,7 +129,7 @@ def test_a_bowed_axis_is_unexplained_at_the_instrument(bowed):
     assert judged.findings == ()
     (place,) = judged.unexplained
     assert (place.of, place.form) == ("instrument", "place_map")
-    assert place.shared_error_mm > floor_mm(bowed.problem)
+    assert place.shared_error_mm > noise_floor_mm(bowed.problem)
     # No name, no improvement: what only says where is not in the extended model.
     assert found.extended.effects == ()
     assert found.holdout.after.mean_mm > 3.0 * found.noise_floor_mm

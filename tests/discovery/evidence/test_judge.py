@@ -1,10 +1,20 @@
 """From a set of effects to a verdict: names before maps, rivals beside names, what is left over."""
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from made_up_arm import ERROR_RATE, Missing, forced, harmonic, measure
-from pa10cal.discovery.evidence.judge import floor_mm, judge, shared_error_mm
+from made_up_poses import at_rest, measured_poses
+from pa10cal.discovery.evidence import judge as judging
+from pa10cal.discovery.evidence.judge import (
+    judge,
+    noise_floor_mm,
+    noise_floor_of_mm,
+    shared_error_mm,
+)
 from pa10cal.discovery.evidence.search import search
 from pa10cal.discovery.position_errors import mean_norm
 from pa10cal.discovery.verdict import word_of
@@ -51,6 +61,19 @@ def test_a_name_takes_the_place_of_a_map_that_is_no_better(eccentric):
     assert name(finding.effect) == ("encoder_eccentricity", "joint 2")
 
 
+def test_the_map_of_another_joint_is_no_imitation(eccentric, monkeypatch):
+    """Odds of 55 to 1 for the name: enough over the map of its own joint, and of no other."""
+    names = ("encoder_eccentricity", "joint 2"), (JointErrorMap.id, "joint 2")
+    member, own = (eccentric.effect(*each) for each in names)
+    other = eccentric.effect(JointErrorMap.id, "joint 3")
+    found = forced(eccentric, (member,), (1,), family=(member, own, other))
+    near = replace(found.score, log_evidence=found.score.log_evidence - 4.0)
+    refits = [SimpleNamespace(effect=each, score=near) for each in (own, other)]
+    monkeypatch.setattr(judging, "_refitted", lambda _, effect, linear: refits if linear else [])
+    (finding,) = judge(found, 0.0).findings
+    assert finding.alternatives == (other,)
+
+
 def test_what_sits_nowhere_is_unexplained_all_the_same():
     at_random = np.random.default_rng(3).standard_normal((1000, 6))
 
@@ -67,7 +90,7 @@ def test_what_sits_nowhere_is_unexplained_all_the_same():
     assert judged.findings == ()
     (place,) = judged.unexplained
     assert (place.of, place.form) == (None, None)
-    assert place.shared_error_mm > 2.0 * floor_mm(lost.problem)
+    assert place.shared_error_mm > 2.0 * noise_floor_mm(lost.problem)
 
 
 def test_what_chance_does_as_well_is_no_finding(null):
@@ -92,7 +115,23 @@ class TestFloor:
     def test_is_the_noise_of_poses_averaged_over_repeats_and_directions(self, null):
         # Four readings of a pose and load.
         expected = 1e3 * mean_norm(null.problem.noise.cov[:, :3, :3] / 4.0).mean()
-        assert floor_mm(null.problem) == pytest.approx(expected, rel=1e-6)
+        assert noise_floor_mm(null.problem) == pytest.approx(expected, rel=1e-6)
+
+    def test_a_pose_that_is_read_often_counts_once(self):
+        """Eleven poses, of which one was read 80 times, and the others twice."""
+        rows = np.repeat(np.arange(11), [2] * 10 + [80])
+        poses = measured_poses(
+            [f"P{k:02}" for k in rows],
+            at_rest(np.zeros((len(rows), 6))),
+            np.tile(np.eye(4), (len(rows), 1, 1)),
+            np.zeros((len(rows), 6, 6)),
+        )
+        cov = np.tile(1e-10 * np.eye(6), (len(rows), 1, 1))
+        problem = SimpleNamespace(readings=poses, noise=SimpleNamespace(cov=cov))
+        of_one_mm = 1e3 * mean_norm(cov[:1, :3, :3])[0]
+        expected_mm = of_one_mm * (10 / np.sqrt(2.0) + 1 / np.sqrt(80.0)) / 11
+        assert noise_floor_mm(problem) == pytest.approx(expected_mm)
+        assert noise_floor_of_mm(problem, np.bincount(rows)) == pytest.approx(expected_mm)
 
     def test_a_shared_variance_is_told_in_millimetres(self, null):
         one = shared_error_mm(null.problem, 1.0)

@@ -30,7 +30,13 @@ from pa10cal.discovery.evidence.fit import (
     torque_residual_Nm,
     torque_rows,
 )
-from pa10cal.discovery.evidence.judge import Judgement, floor_mm, judge, shared_error_mm
+from pa10cal.discovery.evidence.judge import (
+    Judgement,
+    judge,
+    noise_floor_mm,
+    noise_floor_of_mm,
+    shared_error_mm,
+)
 from pa10cal.discovery.evidence.noise_model import NO_SHARED_ERROR, NoiseModel, SharedVariances
 from pa10cal.discovery.evidence.problem import EvidenceProblem, prepare
 from pa10cal.discovery.evidence.search import EndOfSearch, evidence_about, refit, resized, search
@@ -129,7 +135,7 @@ class ByRepeats(Scorer):
     def gap_on(self, poses: Observations, before: PairedErrors | None = None) -> PairedErrors:
         problem, searched = self.problem, self.judgement.ended.fit
         poses = preparation.complete(poses, problem.baseline, problem.setup, self.extended.at)
-        floor, after = floor_mm(problem, poses.readings), _exported(problem, self.extended)
+        floor, after = noise_floor_of_mm(problem, poses.readings), _exported(problem, self.extended)
         T_moved = self._base_motion(poses.states.time_s)
         errors = gap(poses, problem.baseline, after, floor, T_moved=T_moved)
         if not any(effect.generic for effect in searched.effects):
@@ -322,7 +328,7 @@ def _verdict(
         start=start,
         judgement=judgement,
     )
-    held_out, wander, floor = campaign.held_out, problem.in_time.wander, floor_mm(problem)
+    held_out, wander, floor = campaign.held_out, problem.in_time.wander, noise_floor_mm(problem)
     places = {(place.form, place.of) for place in judgement.unexplained}
     same = {tuple(np.flatnonzero(row).tolist()) for row in ended.same}
     groups = [group for group in sorted(same) if len(group) > 1]

@@ -1,4 +1,10 @@
-"""Verdict on the end of a search by evidence: names, alternatives, the remaining error."""
+"""Verdict on the end of a search by evidence: names, alternatives, the remaining error.
+
+A search ends (`EndOfSearch`) with a set of effects, its members, fitted together; `found.score` is
+the log evidence of the set, `found.without` that of the set less each member. A member is named
+where chance does not do as well; its alternatives are the effects with which, in its place, the
+evidence is about as good. What readings of a pose share beyond their noise has no name.
+"""
 
 from __future__ import annotations
 
@@ -19,6 +25,7 @@ from pa10cal.discovery.finding import Finding, Rival, is_named
 from pa10cal.discovery.position_errors import mean_norm, position_noise_m2
 from pa10cal.discovery.rules import EVIDENCE
 from pa10cal.discovery.verdict import smooth_unknown
+from pa10cal.observe.instrument import group_means
 from pa10cal.observe.observations import reading_groups
 from pa10cal.results.discovery import Unexplained
 from pa10cal.terms.effects.effect import Effect
@@ -58,14 +65,18 @@ class _InPlace(NamedTuple):
 
 
 def judge(found: EndOfSearch, needed: float) -> Judgement:
-    """Judge the effects of a search; a name needs so much log evidence."""
+    """Judge the effects of a search; a name needs so much log evidence.
+
+    Beside an error without a name only those names stay that flexible functions cannot replace: of
+    what others explain, nobody knows whether it is part of that error.
+    """
     found = _prefer_named(found)
     in_place = {effect: _in_place_of(found, effect) for effect in found.fit.effects}
     confirmations = dict(zip(found.fit.effects, confirm(found.problem, found, needed), strict=True))
     covariance = covariance_of(found.problem, found.fit)
     findings = []
     for effect in found.fit.effects:
-        if effect.generic or confirmations[effect].p_sign_flips_max_t > EVIDENCE.false_rate:
+        if effect.generic or _is_chance(confirmations[effect]):
             continue
         x, of_x = found.fit.reported(effect, covariance)
         alternatives, rivals = in_place[effect]
@@ -74,6 +85,14 @@ def judge(found: EndOfSearch, needed: float) -> Judgement:
     if unexplained:
         findings = [each for each in findings if not _is_replaceable(found, each.effect)]
     return Judgement(tuple(findings), unexplained, found)
+
+
+def _is_chance(confirmation: Confirmation) -> bool:
+    """Return whether chance does as well as an effect too often for it to be reported."""
+    return confirmation.p_sign_flips_max_t > EVIDENCE.false_rate
+
+
+# Another effect in the place of a member.
 
 
 def _prefer_named(found: EndOfSearch) -> EndOfSearch:
@@ -98,26 +117,42 @@ def _in_place_of(found: EndOfSearch, effect: Effect) -> _InPlace:
         return _InPlace((), ())
     here = found.score.log_evidence
     linear = _linear_scores(found, effect, found.family)
-    nats = {each: scored.nats for each, scored in linear.items()}
-    nameless = {each: scored for each, scored in linear.items() if each.generic}
     vocabulary = {each: scored for each, scored in linear.items() if not each.generic}
+    nameless = {each: scored for each, scored in linear.items() if each.generic}
     refits = _refitted(found, effect, vocabulary)
+    nats = {each: scored.nats for each, scored in linear.items()}
     for refit in (*refits, *_refitted(found, effect, nameless)):
         nats[refit.effect] = refit.score.log_evidence
-    close = []
-    for refit in _as_good(found, refits):
-        # A map can always do what a named form of its joint does: if the name is likelier by
-        # `odds_over_map`, the map is no alternative.
-        is_map = is_named(effect) and refit.effect.id == JointErrorMap.id
-        least = here - float(np.log(EVIDENCE.odds_over_map))
-        if not is_map or refit.score.log_evidence >= least:
-            close.append(refit.effect)
-    number = found.family.index(effect)
-    same = [found.family[k] for k in np.flatnonzero(found.same[number]) if k != number]
-    # Effects that are indistinguishable in these poses are equally likely.
+    # Effects that are indistinguishable in these poses are equally likely, whatever came of their
+    # refits.
+    same = _indistinguishable_from(found, effect)
     nats |= dict.fromkeys((each for each in same if each in nats), here)
+    as_good = [
+        refit.effect
+        for refit in _as_good(found, refits)
+        if not _is_imitation(refit.effect, effect, refit.score.log_evidence - here)
+    ]
     rivals = tuple(Rival(each, np.array([value - here])) for each, value in nats.items())
-    return _InPlace(tuple(dict.fromkeys([*same, *close])), rivals)
+    return _InPlace(tuple(dict.fromkeys([*same, *as_good])), rivals)
+
+
+def _indistinguishable_from(found: EndOfSearch, effect: Effect) -> list[Effect]:
+    """Return the other effects of the family that these poses cannot tell from an effect."""
+    number = found.family.index(effect)
+    return [found.family[k] for k in np.flatnonzero(found.same[number]) if k != number]
+
+
+def _is_imitation(other: Effect, effect: Effect, nats: float) -> bool:
+    """Return whether another effect is a map that only imitates a named effect of its joint.
+
+    A map can do what every named form of its joint does. Where the name is likelier by
+    `odds_over_map` the map is no alternative.
+
+    Args:
+        nats: log evidence with the other effect, less that with the named one.
+    """
+    is_map_of_it = is_named(effect) and other.id == JointErrorMap.id and other.of == effect.of
+    return is_map_of_it and nats < -float(np.log(EVIDENCE.odds_over_map))
 
 
 def _linear_scores(
@@ -161,30 +196,28 @@ def _refitted(found: EndOfSearch, effect: Effect, linear: Mapping[Effect, _Score
     return sorted(refits, key=lambda each: -each.score.log_evidence)
 
 
+# The error without a name.
+
+
 def _unexplained(
     found: EndOfSearch, confirmations: dict[Effect, Confirmation]
 ) -> tuple[Unexplained, ...]:
     """Return the shared errors beyond the repeatability that have no name.
 
-    Those that generic effects follow; else those that remain.
+    Those that generic effects follow; else those that remain. A shared error counts where its
+    variance is larger than that of the noise in the mean of a pose's readings.
     """
-    problem = found.problem
-    floor, group = floor_mm(problem), reading_groups(problem.readings)
-    # variance of the mean of a pose's readings, in units of that of one reading
-    of_averages = np.mean(1.0 / np.bincount(group)[group])
+    problem, remaining = found.problem, found.score.variances
+    noise = _variance_of_means(problem)
     places = []
-    for effect, without in zip(found.fit.effects, found.without, strict=True):
-        shared_mm = shared_error_mm(problem, without.variances.pose)
-        counts = shared_mm > floor or without.variances.torque > of_averages
-        if (
-            effect.generic
-            and counts
-            and confirmations[effect].p_sign_flips_max_t <= EVIDENCE.false_rate
-        ):
-            places.append(smooth_unknown(effect, shared_mm, "it"))
-    remaining_mm = shared_error_mm(problem, found.score.variances.pose)
-    if not places and remaining_mm > floor:
+    for effect, less_it in zip(found.fit.effects, found.without, strict=True):
+        without = less_it.variances
+        is_more_than_noise = without.pose > noise or without.torque > noise
+        if effect.generic and is_more_than_noise and not _is_chance(confirmations[effect]):
+            places.append(smooth_unknown(effect, shared_error_mm(problem, without.pose), "it"))
+    if not places and remaining.pose > noise:
         why = "no effect of the vocabulary explains what the readings of a pose share"
+        remaining_mm = shared_error_mm(problem, remaining.pose)
         places.append(Unexplained(of=None, form=None, shared_error_mm=remaining_mm, why=why))
     return tuple(places)
 
@@ -203,26 +236,44 @@ def _is_replaceable(found: EndOfSearch, effect: Effect) -> bool:
     return whole - without < found.as_good_nats
 
 
-def shared_error_mm(problem: EvidenceProblem, variance: float) -> float:
-    """Return the position error of a shared variance, root mean square over poses."""
-    position_m2 = np.trace(_position_noise(problem), axis1=1, axis2=2).mean()
-    return float(1e3 * np.sqrt(variance * position_m2))
+# Position errors by the noise of repeats. Every pose and load that was fitted counts once, however
+# often it was read.
 
 
-def floor_mm(problem: EvidenceProblem, repeats: NDArray[np.int64] | None = None) -> float:
-    """Return the mean position error of averaged poses by the repeatability alone.
+def shared_error_mm(problem: EvidenceProblem, times_noise: float) -> float:
+    """Return the position error that readings of a pose share, root mean square over poses.
 
-    Each pose is a mean of `repeats` (P,) readings; None for the poses of the fit.
+    Its variance is `times_noise` that of the noise of one reading.
     """
-    variance = _position_noise(problem)
-    if repeats is None:
-        group = reading_groups(problem.readings)
-        variance = variance / np.bincount(group)[group][:, None, None]
-    else:
-        variance = variance.mean(axis=0) / repeats[:, None, None]
-    return float(1e3 * np.mean(mean_norm(variance)))
+    noise_m2, _ = _position_noise(problem)
+    return float(1e3 * np.sqrt(times_noise * np.trace(noise_m2, axis1=1, axis2=2).mean()))
 
 
-def _position_noise(problem: EvidenceProblem) -> Array:
-    """Return the covariances (P, d, d) [m²] of the position errors of single readings."""
-    return position_noise_m2(problem.readings.measured, problem.noise.cov)
+def noise_floor_mm(problem: EvidenceProblem) -> float:
+    """Return the mean position error that noise alone leaves in the averaged poses of the fit."""
+    noise_m2, count = _position_noise(problem)
+    return float(1e3 * np.mean(mean_norm(noise_m2 / count[:, None, None])))
+
+
+def noise_floor_of_mm(problem: EvidenceProblem, count: NDArray[np.int64]) -> float:
+    """Return the mean position error that noise alone leaves in other averaged poses.
+
+    Each is the mean of `count` (P,) readings with the mean noise of those fitted.
+    """
+    noise_m2, _ = _position_noise(problem)
+    return float(1e3 * np.mean(mean_norm(noise_m2.mean(axis=0) / count[:, None, None])))
+
+
+def _variance_of_means(problem: EvidenceProblem) -> float:
+    """Return the variance of the mean of a pose's readings, mean over poses, over that of one."""
+    return float(np.mean(1.0 / np.bincount(reading_groups(problem.readings))))
+
+
+def _position_noise(problem: EvidenceProblem) -> tuple[Array, NDArray[np.int64]]:
+    """Return, of every pose and load, the covariance of one reading, and the number of readings.
+
+    Covariances (Q, d, d) [m²] are those of `position_noise_m2`.
+    """
+    group = reading_groups(problem.readings)
+    noise_m2 = position_noise_m2(problem.readings.measured, problem.noise.cov)
+    return group_means(noise_m2, group), np.bincount(group)
