@@ -3,12 +3,13 @@
 import functools
 import inspect
 import os
+import re
 import shlex
 import signal
 import subprocess
 import sys
 from pathlib import Path
-from typing import Literal
+from typing import Literal, get_args, get_type_hints
 
 import pytest
 
@@ -165,6 +166,47 @@ def test_the_files_of_a_model_that_is_given_as_results_are_not_replaced(tmp_path
     assert "would replace the file of model" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("argv", "lost"),
+    [
+        ("ingest --campaign-dir mine --out mine/poses.csv --quarantine q.csv", "poses.csv"),
+        ("ingest --campaign-dir mine --out p.parquet --quarantine mine/poses.csv", "poses.csv"),
+        ("seed --campaign-dir mine --poses p.parquet --out mine/campaign.yaml", "campaign.yaml"),
+        ("seed --campaign-dir mine --poses p.parquet --out arms/own.yaml", "../arms/own.yaml"),
+        ("join --name x --campaign-dir mine --poses mine/poses.csv --base-frame b --out-dir o", ""),
+    ],
+)
+def test_no_file_of_a_campaign_is_replaced(tmp_path, monkeypatch, capsys, argv, lost):
+    monkeypatch.chdir(tmp_path)
+    for folder in ("mine", "arms"):
+        Path(folder).mkdir()
+    Path("mine/campaign.yaml").write_text("robot: own\nfiles: {poses: poses.csv}\n")
+    for name in ("mine/poses.csv", "arms/own.yaml"):
+        Path(name).write_text("measured")
+    name, *words = argv.split()
+    called = []
+
+    @functools.wraps(command_named(name))
+    def command(**given):
+        called.append(given)
+
+    code = run_command(name, words, command)
+    assert (code, bool(called)) == ((REFUSED, False) if lost else (0, True))
+    if lost:
+        told = capsys.readouterr().err
+        assert "would replace the file of campaign dir" in told
+        assert words[words.index(next(w for w in words if w.endswith(Path(lost).name))) - 1] in told
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_file_that_a_command_writes_is_known_to_be_written(name):
+    _, meanings, _ = command_line._parts_of(inspect.getdoc(command_named(name)))
+    outputs = {each for each, meaning in meanings.items() if re.search(r"\bto write\b", meaning)}
+    hints = get_type_hints(command_named(name))
+    files = {each for each in outputs if Path in (hints[each], *get_args(hints[each]))}
+    assert files <= set(command_line._OUTPUTS.get(name, ("out",)))
+
+
 def test_fault_is_told_from_a_refusal(capsys):
     assert run_command("seed", ["--load", "0N"], failing(KeyError("x"))) == FAULT
     message = capsys.readouterr().err
@@ -283,6 +325,69 @@ def examples_of(name):
     lines = text.replace("\\\n", " ").splitlines()
     commands = [line.partition(" > ")[0] for line in lines]  # the rest is for the shell
     return [shlex.split(line, comments=True) for line in commands if line.strip()]
+
+
+def test_a_negative_number_may_have_an_exponent():
+    seen = {}
+    assert called(["arm", "--out", "o.json", "--size", "-1e3"], seen) == 0
+    assert seen["size"] == -1000.0
+
+
+@pytest.mark.parametrize("words", [["--help", "effects"], ["-h", "effects"]])
+def test_help_may_stand_before_the_command(words, capsys):
+    with pytest.raises(SystemExit) as caught:
+        main(words)
+    assert caught.value.code == 0
+    assert "usage: pa10cal effects" in capsys.readouterr().out
+
+
+def test_an_option_before_the_command_is_told_where_it_belongs(capsys):
+    assert main(["--debug", "effects"]) == REFUSED
+    assert "(got '--debug'); give options after the command" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("error", [OSError(28, "No space left"), OSError(13, "Denied", "a.csv")])
+def test_a_disk_that_fails_is_no_fault_of_the_program(error, capsys):
+    assert run_command("seed", ["--load", "0N"], failing(error)) == REFUSED
+    told = capsys.readouterr().err
+    assert "internal fault" not in told
+    assert told.endswith(f"a file cannot be read or written: {error.strerror}\n")
+    assert error.filename is None or "a.csv: " in told
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device of Linux")
+@pytest.mark.parametrize("words", ["--version", "effects"])
+def test_an_output_that_cannot_be_written_is_refused(words):
+    done = ended(f"{words} > /dev/full")
+    assert done.returncode == REFUSED
+    assert "standard output: what is printed cannot be written: No space left" in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("words", "code"), [("--version >&-", 0), ("effects >&-", 0), ("nosuch 2>&-", REFUSED)]
+)
+def test_a_closed_output_is_silence(words, code):
+    done = ended(words)
+    assert (done.returncode, done.stdout, done.stderr) == (code, "", "")
+
+
+def test_letters_that_the_output_lacks_are_written_by_their_numbers():
+    done = ended("effects", PYTHONIOENCODING="ascii")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "\\xb0" in done.stdout or "\\u" in done.stdout
+
+
+def ended(words, **environment):
+    """Run the program in a shell, and return how it ended."""
+    command = f"{shlex.quote(sys.executable)} -m pa10cal {words}"
+    return subprocess.run(
+        ["bash", "-c", command],
+        env={**os.environ, **environment},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
 
 
 def test_an_option_that_was_mistyped_is_named(capsys):

@@ -13,13 +13,14 @@ import argparse
 import ast
 import ctypes
 import inspect
+import io
 import os
 import re
 import select
 import sys
 import traceback
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import redirect_stderr, redirect_stdout
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from importlib import import_module
 from pathlib import Path
 from types import NoneType, UnionType
@@ -34,7 +35,7 @@ from pa10cal.errors import (
     remedy_for,
     visible,
 )
-from pa10cal.input_files import is_file
+from pa10cal.input_files import is_file, reason
 
 #: Exit codes: input, settings or use refused; a fault of the program itself; interrupted (Ctrl-C);
 #: ended because nobody reads the output any more, as by `| head`.
@@ -95,8 +96,25 @@ COMMANDS = {name: module for names in GROUPS.values() for name, module in names.
 #: Functions of commands whose name is a keyword of Python.
 _FUNCTIONS = {"import": "import_data"}
 
-#: Endings of the files that a command writes beside its output, under the same name.
+#: Parameters of files that a command writes; of all other commands `out`.
+_OUTPUTS = {
+    "ingest": ("out", "quarantine"),
+    "discover": ("verdict", "analysis", "extended", "suggested"),
+    "evaluate": ("out", "iso9283"),
+    "export": ("model", "urdf", "dh"),
+    "simulate": ("out", "truth"),
+    "coverage": ("out", "table"),
+    "blind_trials": ("verdicts", "truths"),
+    "score_trials": ("scores", "trials"),
+}
+#: Endings of files that a command writes beside `out`, under the same name, and that it does not
+#: guard itself (`_refuse_to_replace`).
 _BESIDE = {"plan": (".json",)}
+
+#: Errors of the system that are faults of the program: of files and pipes that it chose itself.
+_OWN_FAULTS = (FileNotFoundError, BrokenPipeError)
+#: Defaults of parameters that say nothing to a reader of the help.
+_NO_DEFAULT = (None, "", ())
 
 _USE = "usage: pa10cal COMMAND [options]\n       pa10cal COMMAND --help | pa10cal --version"
 _EXAMPLES = """\
@@ -111,15 +129,22 @@ Command = Callable[..., None]
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command that `argv` names and return the exit code of the process.
 
+    A failure ends at one of two levels. `run_command` tells those of a command under its name;
+    `_main` those before a command runs (an import takes long enough to be interrupted), and of the
+    output, which is flushed last.
+
     Args:
         argv: arguments without the program's name; None for the process's own.
     """
-    with redirect_stdout(_Visible.of(sys.stdout)), redirect_stderr(_Visible.of(sys.stderr)):
-        return _main(list(sys.argv[1:] if argv is None else argv))
+    words = list(sys.argv[1:] if argv is None else argv)
+    with Path(os.devnull).open("w", encoding="utf-8") as nowhere:
+        out, err = (_Visible.of(stream or nowhere) for stream in (sys.stdout, sys.stderr))
+        with redirect_stdout(out), redirect_stderr(err):
+            return _main(words)
 
 
 class _Visible:
-    """A stream that prints all text as `errors.visible` returns it.
+    """A stream that prints all text as `errors.visible` returns it, and refuses a full disk.
 
     Sequences that move the cursor are written to its attribute `terminal`.
     """
@@ -129,14 +154,44 @@ class _Visible:
 
     @classmethod
     def of(cls, stream: TextIO) -> TextIO:
+        """Return a stream so; letters that its encoding lacks are written by their numbers."""
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
         return cast("TextIO", cls(stream))
 
     def write(self, text: str) -> int:
-        self.terminal.write(visible(text))
+        with self._refusing():
+            self.terminal.write(visible(text))
         return len(text)
 
     def writelines(self, lines: Iterable[str]) -> None:
-        self.terminal.writelines(map(visible, lines))
+        for line in lines:
+            self.write(line)
+
+    def flush(self) -> None:
+        with self._refusing():
+            self.terminal.flush()
+
+    @contextmanager
+    def _refusing(self) -> Iterator[None]:
+        """Refuse an output that cannot be written, and discard what follows.
+
+        Raises:
+            BrokenPipeError: when nobody reads it, which is no mistake.
+            OutputError: for all other reasons.
+        """
+        try:
+            yield
+        except BrokenPipeError:
+            raise
+        except OSError as error:
+            _discard(self.terminal)
+            raise OutputError(
+                f"what is printed cannot be written: {reason(error)}",
+                where="standard output",
+                allowed="a terminal, a pipe, or a file on a disk with space",
+                remedy="make space, or send it elsewhere",
+            ) from error
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self.terminal, name)
@@ -152,13 +207,14 @@ def _main(words: list[str]) -> int:
                 end_with_parents()
                 share()
             return _run(words)
-        except OutputError as error:  # the run has ended already
-            print(f"pa10cal: {error}", file=sys.stderr)
-            return REFUSED
         finally:
             sys.stdout.flush()
+    except OutputError as error:  # of the last output, or of a run that has ended already
+        print(f"pa10cal: {error}", file=sys.stderr)
+        return REFUSED
     except BrokenPipeError:
-        return _discard_output()
+        _discard(sys.stdout)
+        return CLOSED
     except KeyboardInterrupt:
         print("pa10cal: interrupted", file=sys.stderr)
         return INTERRUPTED
@@ -168,13 +224,18 @@ def _run(words: list[str]) -> int:
     if words in (["-h"], ["--help"]):
         print(_usage())
         return 0
+    if words[:1] in (["-h"], ["--help"]):
+        words = [*words[1:], "--help"]
     if words == ["--version"]:
         print(f"pa10cal {__version__}")
         return 0
     if not words or words[0] not in COMMANDS:
         if words:
+            what = "no such command"
             remedy = remedy_for(words[0], COMMANDS, "see the list of pa10cal --help")
-            print(f"{_USE}\npa10cal: no such command (got {words[0]!r}); {remedy}", file=sys.stderr)
+            if words[0].startswith("-"):
+                what, remedy = "no option of pa10cal itself", "give options after the command"
+            print(f"{_USE}\npa10cal: {what} (got {words[0]!r}); {remedy}", file=sys.stderr)
         else:
             print(_usage(), file=sys.stderr)
         return REFUSED
@@ -247,8 +308,10 @@ def run_command(name: str, argv: Sequence[str], command: Command | None = None) 
         print(f"pa10cal {name}: interrupted", file=sys.stderr)
         return INTERRUPTED
     except Exception as error:
+        # A pipe to another process than the reader of the output may be the broken one, as well.
         if isinstance(error, BrokenPipeError) and _nobody_reads():
-            return _discard_output()
+            _discard(sys.stdout)
+            return CLOSED
         return _report(name, error, debug=debug)
     return 0
 
@@ -269,6 +332,9 @@ def _message(error: Exception) -> tuple[str, int]:
         return str(refusal), REFUSED
     if isinstance(error, MemoryError):
         return no_memory(error), REFUSED
+    if isinstance(error, OSError) and error.strerror and not isinstance(error, _OWN_FAULTS):
+        where = f"{error.filename}: " if error.filename else ""
+        return f"{where}a file cannot be read or written: {error.strerror}", REFUSED
     what = f"internal fault: {type(error).__name__}: {error}"
     return f"{what}; run again with --debug and report it", FAULT
 
@@ -280,33 +346,52 @@ def _refuse_to_replace(command: str, given: Mapping[str, Any]) -> None:
         command: its name.
         given: its arguments as they were given: a section of the settings may be a path, too.
     """
-    out = given.get("out")
-    if not isinstance(out, Path):
+    of_outputs = _OUTPUTS.get(command, ("out",))
+    outputs = [(option, path) for option in of_outputs for path in _written(command, option, given)]
+    if not outputs:
         return
-    outputs = [out, *(out.with_suffix(ending) for ending in _BESIDE.get(command, ()) if out.name)]
-    outputs = [path for path in outputs if is_file(path)]
-    for name, value in given.items() if outputs else ():
-        paths = value if isinstance(value, list | tuple) else (value,)
-        inputs = [Path(path) for path in paths if isinstance(path, str | Path)]
-        inputs = [path for path in _with_files_of_models(inputs) if is_file(path)]
-        for output in outputs:
-            if name != "out" and any(map(output.samefile, inputs)):
+    for name, value in given.items():
+        inputs = [] if name in of_outputs else _read_by(value)
+        for option, output in outputs:
+            if any(map(output.samefile, inputs)):
                 raise OutputError(
                     f"the output would replace the file of {name.replace('_', ' ')}",
-                    where="--out",
+                    where=f"--{option}",
                     value=str(output),
                     allowed="a path of its own",
                     remedy="give another one",
                 )
 
 
-def _with_files_of_models(inputs: Sequence[Path]) -> list[Path]:
-    """Return inputs, and the files of the models that they are or that folders among them hold."""
+def _written(command: str, option: str, given: Mapping[str, Any]) -> list[Path]:
+    """Return the files that are there and that an option has written: its own, and those beside."""
+    output = given.get(option)
+    if not isinstance(output, Path):
+        return []
+    paths = [output]
+    if option == "out" and output.name:
+        paths += [output.with_suffix(ending) for ending in _BESIDE.get(command, ())]
+    return [path for path in paths if is_file(path)]
+
+
+def _read_by(value: Any) -> list[Path]:
+    """Return the files that are read where a parameter has a value.
+
+    They are the paths themselves, the files of models, which a folder of results may stand for, and
+    those of a campaign, which its folder stands for.
+    """
     from pa10cal.fit.covariance_file import covariance_path  # late: with numpy
     from pa10cal.fit.model_reading import model_file
+    from pa10cal.planning.campaign import arm_files, raw_files
 
-    models = [model_file(path) for path in inputs if _is_folder(path) or path.suffix == ".yaml"]
-    return [*inputs, *models, *map(covariance_path, models)]
+    several = value if isinstance(value, list | tuple) else (value,)
+    paths = [Path(path) for path in several if isinstance(path, str | Path)]
+    folders = [path for path in paths if _is_folder(path)]
+    models = [model_file(path) for path in paths if path in folders or path.suffix == ".yaml"]
+    files = [*paths, *models, *map(covariance_path, models)]
+    for folder in folders:
+        files += [folder / "campaign.yaml", *raw_files(folder), *arm_files(folder)]
+    return [path for path in files if is_file(path)]
 
 
 def _is_folder(path: Path) -> bool:
@@ -326,10 +411,9 @@ def _nobody_reads() -> bool:
     return any(event & select.POLLERR for _, event in poll.poll(0))
 
 
-def _discard_output() -> int:
-    """Discard the rest of the output, and return `CLOSED`."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    return CLOSED
+def _discard(stream: TextIO) -> None:
+    """Discard the rest of an output, which would fail again when the process ends."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 def _usage() -> str:
@@ -372,7 +456,12 @@ def _parser(name: str, command: Command, types: Mapping[str, Any]) -> argparse.A
 
 
 class _Parser(argparse.ArgumentParser):
-    """A parser that names the option that was probably meant."""
+    """A parser that names the option that was probably meant, and reads -1e3 as a number."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(**options)
+        # Before Python 3.14 argparse takes a negative number with an exponent for an option.
+        self._negative_number_matcher = re.compile(r"-(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?$")
 
     def error(self, message: str) -> NoReturn:
         """Refuse wrong use, with the nearest option where one is unknown."""
@@ -414,7 +503,7 @@ def _add_argument(
     required = default is parameter.empty
     if not required:
         options["default"] = default
-        if default not in (None, "", ()) and kind is not bool and not _is_section(kind):
+        if default not in _NO_DEFAULT and kind is not bool and not _is_section(kind):
             meaning += f" (default: {default})"
     options["help"] = meaning.replace("%", "%%")
     if parameter.kind is parameter.KEYWORD_ONLY:
