@@ -95,7 +95,13 @@ def test_the_arm_as_designed_goes_along_with_a_copy(conf, tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("status = 2", "status = 1", "does not use it: its calibration_status is 1"),
+        ("status = 2", "status = 1", r"its calibration_status is 1 \(not linearised\)"),
+        ("status = 2", "status = -1", r"its calibration_status is -1 \(unknown\)"),
+        ("status = 2", 'status = "0"', r'is no whole number \("0"\)'),
+        ("status = 2", "status = 2.9", r"is no whole number \(2\.9\)"),
+        ("status = 2", "status =", r"is no whole number \(\)"),
+        ("joint_raw_offset", "calibration_status", "calibration_status stands twice"),
+        ("delta_alpha", "delta_theta", "delta_theta stands twice"),
         ("delta_d = [ 0.0005,", "delta_d = [", "delta_d is not six numbers"),
         ("delta_a = [ -0.00016", "delta_a = [ 0,00016", "delta_a is not six numbers"),
         ("delta_alpha", "alpha", "it has no delta_alpha"),
@@ -103,8 +109,25 @@ def test_the_arm_as_designed_goes_along_with_a_copy(conf, tmp_path):
 )
 def test_a_controllers_file_that_cannot_be_meant_is_refused(conf, old, new, message):
     conf.write_text(CONF.replace(old, new))
+    assert conf.read_text() != CONF
     with pytest.raises(ArmError, match=rf"calibration\.conf: .*{message}.*calibration_status 2"):
         read_ur_calibration(conf)
+
+
+def test_a_status_may_be_hexadecimal_and_an_ending_in_capitals(tmp_path, capsys):
+    path, out = tmp_path / "calibration.CONF", tmp_path / "mine.yaml"
+    path.write_text(CONF.replace("status = 2", "status = 0x02"))
+    assert main(["import_arm", str(path), "--robot", "ur10", "--out", str(out)]) == 0
+    assert "calibration_status" not in capsys.readouterr().out
+
+
+def test_a_status_that_is_not_stated_is_told(conf, tmp_path, capsys):
+    """As of the project's own export."""
+    conf.write_text(CONF.replace("calibration_status", "other"))
+    out = tmp_path / "mine.yaml"
+    assert main(["import_arm", str(conf), "--robot", "ur10", "--out", str(out)]) == 0
+    assert "It does not state calibration_status" in capsys.readouterr().out
+    assert "# It does not state calibration_status" in out.read_text("utf-8")
 
 
 @pytest.mark.parametrize(

@@ -272,7 +272,7 @@ def import_arm(
             allowed="a name that ends in .yaml",
             remedy="rename it",
         )
-    is_calibration = file.suffix in ENDINGS
+    is_calibration = file.suffix.lower() in ENDINGS
     for option, value, needed, of_file in (
         ("--base", base, not is_calibration, "a URDF"),
         ("--tip", tip, not is_calibration, "a URDF"),
@@ -402,6 +402,7 @@ def _import_ur_calibration(file: Path, out: Path, robot: str | None) -> None:
     designed = None if robot is None else arm_asked(robot, file.parent)
     arm = calibration.arm(out.stem, designed)
     lines, stated = ["Its controller computes with these rows while it uses this calibration."], {}
+    lines += calibration.notes
     if designed is None:
         lines.append("Limits, gear ratios and masses are not in it: name the model with --robot.")
     else:

@@ -1,4 +1,9 @@
-"""Reads the calibration of an arm of Universal Robots, as its controller or driver wrote it."""
+"""Reads the calibration of an arm of Universal Robots, as its controller or driver wrote it.
+
+The controller's file is `calibration.conf` in `.urcontrol`; one of a UR10 stands in the forum of
+Universal Robots, "Calibrated kinamatics info" (forum.universal-robots.com/t/18921). The driver's is
+`ur_calibration` of UniversalRobots/Universal_Robots_ROS2_Driver.
+"""
 
 from __future__ import annotations
 
@@ -30,8 +35,11 @@ from pa10cal.yaml_file import read_yaml
 #: Endings of such files.
 ENDINGS = (".conf", ".yaml", ".yml")
 _MOST_BYTES = 1024**2
-#: Status of a calibration that the controller uses; 0 is that of none, 1 of one not used yet.
-_IN_USE = 2
+#: What `calibration_status` says, in the words that the controller writes beside it (also in the
+#: maker's C header `configuration.h`, struct Calibration). "Linearised" is taken for calibrated: a
+#: purpose of the calibration is linearity, says the maker's article "Kinematic Robot Calibration".
+_STATUSES = {0: "not initialised", 1: "not linearised", 2: "linearised"}
+_CALIBRATED = 2
 
 Six = tuple[FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat]
 
@@ -71,10 +79,12 @@ class UrCalibration:
     """What one file states: origins of the joints, or rows as `UrLayout.table`, or their deltas."""
 
     where: str  # the file
+    # exactly one of these three is given
     origins: Array | None = None  # (6, 4, 4) of the joints [m]
     rows: Array | None = None  # (6, 4)
     deltas: Array | None = None  # (6, 4) differences from the rows of the arm as designed
     hash: str = ""  # by which the driver knows it
+    notes: tuple[str, ...] = ()  # what the user should know, one sentence each
 
     def arm(self, name: str, designed: Arm | None) -> Arm:
         """Return the calibrated arm.
@@ -100,6 +110,7 @@ class UrCalibration:
                 remedy="name the model with --robot",
             )
         layout = ur_layout(designed)
+        # A model of another maker has no such rows, and is refused by `arm_of_ur_rows`.
         rows = self.deltas if layout is None else layout.table + self.deltas
         return arm_of_ur_rows(rows, name, designed, self.where)
 
@@ -110,11 +121,12 @@ def read_ur_calibration(path: Path) -> UrCalibration:
     Another YAML file may hold the rows themselves, `dh_theta`, `dh_d`, `dh_a`, `dh_alpha`.
 
     Raises:
-        ArmError: when the file cannot be read, or holds none that is in use.
-        SettingsError: when a key of a YAML file is unknown, missing or of the wrong kind.
+        ArmError: when the file cannot be read, or holds no finished calibration.
+        SettingsError: when a key of a YAML file is unknown, missing or of the wrong kind; rows and
+            `kinematics` do not stand in one file.
     """
     where = str(path)
-    if path.suffix == ".conf":
+    if path.suffix.lower() == ".conf":
         try:
             text = utf8_text(read_file(path, _MOST_BYTES))
         except (OSError, ValueError) as error:
@@ -136,24 +148,54 @@ def read_ur_calibration(path: Path) -> UrCalibration:
 
 
 def _of_controller(text: str, where: str) -> UrCalibration:
-    plain = "\n".join(line.partition("#")[0] for line in text.splitlines())
+    stated = _keys_of_conf(text, where)
     columns = []
-    for name in COLUMNS:
-        found = re.search(rf"^\s*delta_{name}\s*=\s*\[([^\]]*)\]", plain, re.MULTILINE)
-        if found is None:
-            raise _no_calibration(where, f"it has no delta_{name}")
-        try:
-            columns.append([float(word) for word in found[1].split(",")])
-        except ValueError:
-            columns.append([])
-        if len(columns[-1]) != 6 or not np.isfinite(columns[-1]).all():
-            raise _no_calibration(where, f"delta_{name} is not six numbers")
-    status = re.search(r"^\s*calibration_status\s*=\s*(\d+)", plain, re.MULTILINE)
-    if status is not None and int(status[1]) != _IN_USE:
+    for name in (f"delta_{column}" for column in COLUMNS):
+        if name not in stated:
+            raise _no_calibration(where, f"it has no {name}")
+        numbers = _numbers_in(stated[name])
+        if len(numbers) != 6 or not np.isfinite(numbers).all():
+            raise _no_calibration(where, f"{name} is not six numbers")
+        columns.append(numbers)
+    notes: tuple[str, ...] = ()
+    if "calibration_status" in stated:
+        _refuse_unfinished(stated["calibration_status"], where)
+    else:
+        notes = ("It does not state calibration_status: whether the controller uses it is open.",)
+    return UrCalibration(where, deltas=np.array(columns).T, notes=notes)
+
+
+def _keys_of_conf(text: str, where: str) -> dict[str, str]:
+    """Return the values of the keys that are read, as they are written; refuse a key twice."""
+    read = {"calibration_status", *(f"delta_{name}" for name in COLUMNS)}
+    stated: dict[str, str] = {}
+    plain = "\n".join(line.partition("#")[0] for line in text.splitlines())
+    for key, value in re.findall(r"^[ \t]*(\w+)[ \t]*=[ \t]*(\[[^\]]*\]|.*)", plain, re.MULTILINE):
+        if key in stated:
+            raise _no_calibration(where, f"{key} stands twice")
+        if key in read:
+            stated[key] = value.strip()
+    return stated
+
+
+def _numbers_in(value: str) -> list[float]:
+    """Return the numbers of a list in brackets; empty where it is none."""
+    try:
+        return [float(word) for word in value.removeprefix("[").removesuffix("]").split(",")]
+    except ValueError:
+        return []
+
+
+def _refuse_unfinished(value: str, where: str) -> None:
+    try:
+        status = int(value, 0)
+    except ValueError:
         raise _no_calibration(
-            where, f"the controller does not use it: its calibration_status is {int(status[1])}"
-        )
-    return UrCalibration(where, deltas=np.array(columns).T)
+            where, f"its calibration_status is no whole number ({value})"
+        ) from None
+    if status != _CALIBRATED:
+        meaning = _STATUSES.get(status, "unknown")
+        raise _no_calibration(where, f"its calibration_status is {status} ({meaning})")
 
 
 def _no_calibration(where: str, why: str) -> ArmError:
@@ -161,6 +203,6 @@ def _no_calibration(where: str, why: str) -> ArmError:
         f"no calibration of Universal Robots: {why}",
         where=where,
         allowed="calibration.conf of the controller (delta_theta, delta_a, delta_d, delta_alpha, "
-        "calibration_status 2), or the YAML file that ur_calibration writes (kinematics)",
+        "calibration_status 2 or none), or the YAML file that ur_calibration writes (kinematics)",
         remedy="give such a file",
     )
