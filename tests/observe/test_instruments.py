@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from drawn_examples import examples
 from made_up_poses import frames
 from pa10cal.arrays import take_rows
+from pa10cal.errors import CalibrationError
 from pa10cal.files.arms import load_arm
 from pa10cal.observe.base_targets import BaseTargets, Knocked, Misread
 from pa10cal.observe.instrument import Instrument
@@ -244,6 +245,40 @@ def test_what_base_targets_did_is_told_in_full():
     knocked = Knocked(("base1",), "p7", 1714380123.0, 0.2)
     assert str(knocked).endswith("before pose p7 (1714380123 s)")
     assert "1230 mm off" in str(Misread("base1", 1, "p7", 1234.0))
+
+
+def test_what_changes_a_touched_pose_changes_its_balls():
+    rng = np.random.default_rng(3)
+    T = np.tile(np.eye(4), (5, 1, 1))
+    T[:, :3, 3] = rng.uniform(-1.0, 1.0, (5, 3))
+    touched, _ = measured("touch_trigger_cmm", T, rng)
+    scaled = touched.scaled(1e3)
+    np.testing.assert_allclose(scaled.balls.p_instr_m, 1e3 * touched.balls.p_instr_m)
+    np.testing.assert_allclose(scaled.places_m, 1e3 * touched.places_m)
+    times = np.repeat(rng.uniform(2.0, 5.0, (5, 1)), 6, axis=1)
+    less_certain = touched.less_certain(times)
+    np.testing.assert_allclose(less_certain.cov, touched.cov * times[:, :1, None])
+    of_ball_m2 = less_certain.balls.cov_m2[:, 1]
+    np.testing.assert_allclose(of_ball_m2, touched.balls.cov_m2[:, 1] * times[:, :1, None])
+    motion_cov = np.tile(1e-8 * np.eye(6), (5, 1, 1))
+    uncertain = touched.with_end_uncertain(motion_cov, touched.places_m)
+    np.testing.assert_allclose(uncertain.balls.motion_cov, motion_cov)
+
+
+def test_an_orientation_is_as_uncertain_as_is_stated():
+    T, values = np.tile(np.eye(4), (2, 1, 1)), np.array([[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]] * 2)
+    for stated_rad, expected_rad in ((None, 1e-3), (2e-5, 2e-5), (0.0, 0.0)):
+        stated = StatedByCampaign(1e-4, {}, stated_rad)
+        columns = Pose.raw_columns([])
+        read = Pose.from_raw(columns, values, np.full((2, 7), np.nan), stated)
+        for poses in (Pose.foreseen(T, stated), read):
+            np.testing.assert_allclose(poses.cov[:, 3, 3], expected_rad**2)
+
+
+def test_a_machine_without_balls_is_refused(recwarn):
+    with pytest.raises(CalibrationError, match="these balls do not give an orientation"):
+        Touched.foreseen(np.eye(4)[None], StatedByCampaign(1e-4, {}))
+    assert not recwarn.list
 
 
 def test_base_targets_without_their_places_are_refused_by_column():

@@ -193,7 +193,10 @@ class Instrument(ABC):
 
     @abstractmethod
     def compare(self, T_instr_ee: Array, targets_m: Array) -> quantities.Comparison:
-        """Compare predicted poses of the end of the chain with the measurements."""
+        """Compare predicted poses of the end of the chain with the measurements.
+
+        Residuals are predicted less measured.
+        """
 
     def end_poses(self, T_instr_ee: Array) -> Array:
         """Return the measured poses of the end of the chain (P, 4, 4); these if none are."""

@@ -79,9 +79,11 @@ class Pose(Instrument):
         )
 
     def less_certain(self, times: Array) -> Self:
+        # The six components of a pose are measured together, and so have the same factor.
         return replace(self, cov=self.cov * times[:, :1, None])
 
     def steadied(self, base: BaseTargets) -> Self:
+        # Motions of the base are small: the covariance is not turned by them.
         T = np.linalg.inv(base.T_moved) @ self.T_instr_target
         still = replace(self, T_instr_target=T)
         return still.with_end_uncertain(base.cov_at_origin, still.places_m)
@@ -97,15 +99,11 @@ class Pose(Instrument):
 
     @classmethod
     def foreseen(cls, T_instr_ee: Array, stated: quantities.StatedByCampaign) -> Pose:
-        """Return the poses of the first stated target; of the end of the chain without one.
-
-        The uncertainty of orientations is the stated one, else that by targets some centimetres
-        apart.
-        """
+        """Return the poses of the first stated target; of the end of the chain without one."""
         T = T_instr_ee.copy()
         for place_m in list(stated.targets_m.values())[:1]:
             T[:, :3, 3] += T[:, :3, :3] @ place_m
-        u_rad = stated.attitude_rad or stated.uncertainty_m / READINGS.target_spread_m
+        u_rad = _u_of_attitude(stated)
         cov = np.diag(np.repeat([stated.uncertainty_m**2, u_rad**2], 3))
         return Pose.of(T, np.broadcast_to(cov, (len(T), 6, 6)))
 
@@ -134,7 +132,9 @@ class Pose(Instrument):
             direct[:, :3] = R.transpose(0, 2, 1)
             return ObservedTargets(origin[:, None, :], direct)
         targets = origin[:, None, :] + np.einsum("pij,bj->pbi", R, targets_m.reshape(-1, 3))
-        # An error v of a reading has the effect of an error -R^T v of the stated position.
+        # An error v of the reading of a ball shifts the fitted pose as an error -R^T v of its
+        # stated position does. Shift and turn (a) of pose p are along the instrument's axes (k) by
+        # stated coordinates (l) of ball b, and along the end's axes (i) by read ones (j).
         by_place = self.by_apparatus.reshape(count, 2, 3, -1, 3)
         by_reading = -np.einsum("pki,pakbl,pjl->paibj", R, by_place, R, optimize=True)
         return ObservedTargets(targets, by_reading.reshape(count, 6, -1))
@@ -205,6 +205,8 @@ class Pose(Instrument):
 
     def as_read(self, T_base_ee: Array, T_instr_base: Array, targets_off_m: Array) -> Array:
         R = T_instr_base[:3, :3]
+        # Shift and small left rotation (P, 6) by the errors of stated coordinates, along the
+        # instrument's axes; times R, as rows, along the base's.
         moved = self.by_apparatus @ targets_off_m
         T: Array = T_base_ee.copy()
         T[:, :3, 3] += moved[:, :3] @ R
@@ -220,12 +222,12 @@ class Pose(Instrument):
         chord = np.linalg.norm(error.chord, axis=1)
         angle = 2.0 * np.arcsin(np.minimum(chord / 2.0, 1.0))
         # The chord is twice the sine of half the angle.
-        stretch = np.divide(angle, chord, out=np.ones_like(angle), where=chord > 0)
+        angle_over_chord = np.divide(angle, chord, out=np.ones_like(angle), where=chord > 0)
         position_mm = 1e3 * error.position_m @ to_base
         return quantities.Deviations(
             np.linalg.norm(position_mm, axis=1),
             position_mm,
-            np.degrees(error.chord * stretch[:, None]) @ to_base,
+            np.degrees(error.chord * angle_over_chord[:, None]) @ to_base,
         )
 
     @classmethod
@@ -268,15 +270,25 @@ class Pose(Instrument):
         cov = np.zeros((len(values), 6, 6))
         u_m = np.where(np.isnan(u[:, :3]), stated.uncertainty_m, quantities.MM * u[:, :3])
         cov[:, range(3), range(3)] = u_m**2
-        cov[:, 3:, 3:] = _rotation_covariance(values[:, 3:], u[:, 3:], stated.uncertainty_m)
+        cov[:, 3:, 3:] = _rotation_covariance(values[:, 3:], u[:, 3:], _u_of_attitude(stated))
         return Pose.of(homogeneous(R, quantities.MM * values[:, :3]), cov)
 
 
-def _rotation_covariance(quaternion: Array, u: Array, u_place_m: float) -> Array:
+def _u_of_attitude(stated: quantities.StatedByCampaign) -> float:
+    """Return the standard uncertainty [rad] of orientations about each axis.
+
+    It is the stated one, else that by positions of targets some centimetres apart.
+    """
+    if stated.attitude_rad is not None:
+        return stated.attitude_rad
+    return stated.uncertainty_m / READINGS.target_spread_m
+
+
+def _rotation_covariance(quaternion: Array, u: Array, assumed_rad: float) -> Array:
     """Return the covariance (P, 3, 3) of a small rotation applied on the left.
 
     The rotation is twice the vector part of dq q*, for a quaternion q (P, 4), scalar first. Where
-    the uncertainty of q is not stated (nan), it is that by positions of targets.
+    the uncertainty u (P, 4) of one of its numbers is not stated (nan), it is the assumed one.
     """
     length = np.linalg.norm(quaternion, axis=1, keepdims=True)
     quaternion, u = quaternion / length, u / length
@@ -286,8 +298,7 @@ def _rotation_covariance(quaternion: Array, u: Array, u_place_m: float) -> Array
     turning = 2.0 * np.concatenate([-vector[:, :, None], by_vector], axis=2)
     stated = turning @ (u[:, :, None] ** 2 * np.swapaxes(turning, 1, 2))
     unstated = np.isnan(u.sum(axis=1))
-    assumed = (u_place_m / READINGS.target_spread_m) ** 2 * np.eye(3)
-    return np.where(unstated[:, None, None], assumed, stated)
+    return np.where(unstated[:, None, None], assumed_rad**2 * np.eye(3), stated)
 
 
 def pose_of_columns(columns: Mapping[str, Array]) -> tuple[Array, Array]:
@@ -353,7 +364,8 @@ class Touched(Pose):
         """
         names = tuple(stated.targets_m)
         p_ee_mm = np.array([*stated.targets_m.values()]).reshape(-1, 3) / quantities.MM
-        if np.linalg.matrix_rank(p_ee_mm - p_ee_mm.mean(axis=0), tol=READINGS.collinear_mm) < 2:
+        about_mean_mm = p_ee_mm - p_ee_mm.sum(axis=0) / max(len(p_ee_mm), 1)
+        if np.linalg.matrix_rank(about_mean_mm, tol=READINGS.collinear_mm) < 2:
             raise CalibrationError(
                 "these balls do not give an orientation",
                 where="targets",
@@ -376,8 +388,24 @@ class Touched(Pose):
             touches=np.rint(touches).astype(np.int64),
         )
 
+    # Whatever changes the pose changes the balls that it was fitted to.
+
     def in_frame(self, T: Array) -> Self:
         return replace(super().in_frame(T), balls=self.balls.in_frame(T))
+
+    def scaled(self, factor: float) -> Self:
+        return replace(super().scaled(factor), balls=self.balls.scaled(factor))
+
+    def steadied(self, base: BaseTargets) -> Self:
+        return replace(super().steadied(base), balls=self.balls.steadied(base))
+
+    def less_certain(self, times: Array) -> Self:
+        of_balls = np.repeat(times[:, :1], self.balls.components_seen.shape[1], axis=1)
+        return replace(super().less_certain(times), balls=self.balls.less_certain(of_balls))
+
+    def with_end_uncertain(self, motion_cov: Array, places_m: Array) -> Self:
+        balls = self.balls.with_end_uncertain(motion_cov, places_m)
+        return replace(super().with_end_uncertain(motion_cov, places_m), balls=balls)
 
     @property
     def single_targets(self) -> Points:
