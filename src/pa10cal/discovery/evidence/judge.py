@@ -25,7 +25,6 @@ from pa10cal.discovery.finding import Finding, Rival, is_named
 from pa10cal.discovery.position_errors import mean_norm, position_noise_m2
 from pa10cal.discovery.rules import EVIDENCE
 from pa10cal.discovery.verdict import smooth_unknown
-from pa10cal.observe.instrument import group_means
 from pa10cal.observe.observations import reading_groups
 from pa10cal.results.discovery import Unexplained
 from pa10cal.terms.effects.effect import Effect
@@ -245,23 +244,26 @@ def shared_error_mm(problem: EvidenceProblem, times_noise: float) -> float:
 
     Its variance is `times_noise` that of the noise of one reading.
     """
-    noise_m2, _ = _position_noise(problem)
-    return float(1e3 * np.sqrt(times_noise * np.trace(noise_m2, axis1=1, axis2=2).mean()))
+    noise_m2, count = _position_noise(problem)
+    square_m2 = np.average(np.trace(noise_m2, axis1=1, axis2=2), weights=1.0 / count)
+    return float(1e3 * np.sqrt(times_noise * square_m2))
 
 
 def noise_floor_mm(problem: EvidenceProblem) -> float:
     """Return the mean position error that noise alone leaves in the averaged poses of the fit."""
     noise_m2, count = _position_noise(problem)
-    return float(1e3 * np.mean(mean_norm(noise_m2 / count[:, None, None])))
+    error_m = mean_norm(noise_m2 / count[:, None, None])
+    return float(1e3 * np.average(error_m, weights=1.0 / count))
 
 
-def noise_floor_of_mm(problem: EvidenceProblem, count: NDArray[np.int64]) -> float:
+def noise_floor_of_mm(problem: EvidenceProblem, readings: NDArray[np.int64]) -> float:
     """Return the mean position error that noise alone leaves in other averaged poses.
 
-    Each is the mean of `count` (P,) readings with the mean noise of those fitted.
+    Each is the mean of so many `readings` (P,), with the mean noise of those fitted.
     """
-    noise_m2, _ = _position_noise(problem)
-    return float(1e3 * np.mean(mean_norm(noise_m2.mean(axis=0) / count[:, None, None])))
+    noise_m2, count = _position_noise(problem)
+    of_one_m2 = np.average(noise_m2, axis=0, weights=1.0 / count)
+    return float(1e3 * np.mean(mean_norm(of_one_m2 / readings[:, None, None])))
 
 
 def _variance_of_means(problem: EvidenceProblem) -> float:
@@ -270,10 +272,10 @@ def _variance_of_means(problem: EvidenceProblem) -> float:
 
 
 def _position_noise(problem: EvidenceProblem) -> tuple[Array, NDArray[np.int64]]:
-    """Return, of every pose and load, the covariance of one reading, and the number of readings.
+    """Return the noise of single readings, and how many (P,) their pose and load has.
 
-    Covariances (Q, d, d) [m²] are those of `position_noise_m2`.
+    The noise are covariances (P, d, d) [m²] of position errors (`position_noise_m2`).
     """
     group = reading_groups(problem.readings)
     noise_m2 = position_noise_m2(problem.readings.measured, problem.noise.cov)
-    return group_means(noise_m2, group), np.bincount(group)
+    return noise_m2, np.bincount(group)[group]
