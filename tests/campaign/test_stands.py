@@ -105,7 +105,10 @@ def test_those_that_scatter_as_stated_stay_as_they_are():
 
 
 def test_the_scatter_of_rounded_readings_is_theirs():
-    """Where most readings of a stand are equal, their mean difference tells the scatter."""
+    """Where most readings of a stand are equal, their mean difference tells the scatter.
+
+    The factor of the median goes with it: that of a mean of normal differences gives 0.76 here.
+    """
     every = repeated()
     rng, step_m = np.random.default_rng(4), 4e-6
     p_m = np.repeat(every.measured.p_instr_m[::TIMES], TIMES, axis=0).round(5)
@@ -114,8 +117,7 @@ def test_the_scatter_of_rounded_readings_is_theirs():
     scatter_mm = 1e3 * np.sqrt(p_m.reshape(POSES, TIMES, 3).var(axis=1, ddof=1).mean())
     (note,) = with_stands_averaged(every).notes
     told_mm = float(note.partition("their scatter of ")[2].split()[0])
-    # Differences of 0 and one step have other tails than normal ones.
-    assert told_mm == pytest.approx(scatter_mm, rel=0.25)
+    assert told_mm == pytest.approx(scatter_mm, rel=0.15)
 
 
 def test_one_far_off_the_others_of_its_pose_is_left_out():
