@@ -198,6 +198,9 @@ class Scatter:
     least_stated: float = 1e-3
     # scatters of a distance between two targets beyond which it is another one (level)
     same_distance: float = 5.0
+    # distances that scatter by less than this part of what is stated were computed from one pose
+    # of a body: targets that are read one by one scatter more (size)
+    computed_distance: float = 1e-3
 
 
 @dataclass(frozen=True)

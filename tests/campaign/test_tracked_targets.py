@@ -537,3 +537,22 @@ def test_a_target_about_which_the_arm_turned_or_that_stood_still_is_no_held_read
     assert not held_last(p_m, modelled).any()
     p_m[9] = p_m[8]
     assert np.flatnonzero(held_last(p_m, modelled)[:, 0]).tolist() == [9]
+
+
+def test_targets_that_are_one_reading_are_told(tmp_path):
+    raw = sighted(tmp_path, "points", noise_mm=0.02)
+    assert ingest(raw).warnings == ()
+    copied = [raw.column(f"T2_{axis}_mm") for axis in "xyz"]
+    for index, line in enumerate(raw.poses[1:], start=1):
+        words = line.split(",")
+        for k, axis in zip(copied, "xyz", strict=True):
+            words[raw.column(f"T3_{axis}_mm")] = words[k]
+        raw.poses[index] = ",".join(words)
+    told, *_ = ingest(raw).warnings
+    assert "T3 has the place of T2 in every row" in told
+
+
+def test_targets_that_were_computed_from_one_pose_are_told(tmp_path):
+    raw = sighted(tmp_path, "points", noise_mm=0.0)
+    (warning,) = ingest(raw).warnings
+    assert "T1, T2, T3 were computed from one pose" in warning

@@ -48,6 +48,14 @@ def test_the_target_that_moves_is_told(targets, loose):
     assert "fasten it" in found.why
 
 
+@pytest.mark.filterwarnings("error")
+def test_targets_at_one_place_show_no_direction():
+    every = measured(1)
+    p_m = every.measured.p_instr_m.copy()
+    p_m[:, 2] = p_m[:, 1]
+    assert loose_targets(replace(every, measured=replace(every.measured, p_instr_m=p_m))) == ()
+
+
 def test_of_a_group_the_target_is_told_with_its_campaign():
     parts = [measured(1), measured(2, loose=1, moves_mm=0.2)]
     (found,) = loose_targets(concatenated(parts, ("first", "second")))

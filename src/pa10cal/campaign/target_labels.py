@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 from pa10cal.arrays import MEDIAN_TO_SIGMA, Array, Mask
 from pa10cal.campaign.nominal_fit import LEAST_POSES, misfit_mm, placed_by_points
+from pa10cal.fit.tails import distances_between, scatter_of_computed_m
+from pa10cal.observe.instrument import Instrument
 
 EXCHANGED = "the labels of these targets are exchanged"
 NOT_RIGID = "its distances from the other targets are not those of the other poses"
@@ -120,6 +122,27 @@ def not_rigid(p_m: Array) -> Mask:
     for row in np.flatnonzero(wrong.any(axis=(1, 2))):
         off[row, int(wrong[row].sum(axis=1).argmax())] = True
     return off
+
+
+def told_of_one_reading(measured: Instrument) -> tuple[str, ...]:
+    """Return in words which targets are one reading: copies, or computed from one pose."""
+    names, places_m = measured.target_names, measured.places_m
+    told = []
+    for (first, second), distance_m in distances_between(places_m).items():
+        together = distance_m[np.isfinite(distance_m)]
+        if len(together) >= LEAST_POSES and not together.any():
+            told.append(
+                f"{names[second]} has the place of {names[first]} in every row: one reading would "
+                f"count twice; leave {names[second]} out"
+            )
+    if not told and (scatter_m := scatter_of_computed_m(measured)) is not None:
+        told.append(
+            f"{', '.join(names)} were computed from one pose, as of a rigid body: their distances "
+            f"scatter by {1e3 * scatter_m:.1g} mm. They count as separate readings, so that stated "
+            "uncertainties are too small, and they do not show whether one is wrong; read the pose "
+            "(instrument.kind pose) where the file has it, else one of them"
+        )
+    return tuple(told)
 
 
 def exchanged(p_m: Array, modelled: Array) -> NDArray[np.object_]:

@@ -35,7 +35,14 @@ from pa10cal.campaign.nominal_fit import (
 )
 from pa10cal.campaign.raw_file import RawFile
 from pa10cal.campaign.raw_rows import Quarantined, configurations, quarantined
-from pa10cal.campaign.target_labels import EXCHANGED, NOT_RIGID, exchange_text, exchanged, not_rigid
+from pa10cal.campaign.target_labels import (
+    EXCHANGED,
+    NOT_RIGID,
+    exchange_text,
+    exchanged,
+    not_rigid,
+    told_of_one_reading,
+)
 from pa10cal.campaign.two_logs import TwoLogs
 from pa10cal.errors import RawDataError
 from pa10cal.files.coupling import coupling_in_words, set_coupling
@@ -106,6 +113,7 @@ class Screen:
                 off &= screens.off_model(self._coupled[1], held_out)
             self._quarantine_targets(off, screens.OFF_MODEL)
         self._quarantine_targets(not_rigid(self.found.measured.places_m), NOT_RIGID)
+        self.warnings = (*self.warnings, *told_of_one_reading(self.found.measured))
 
     @cached_property
     def _coupled(self) -> tuple[Coupled, Misfit] | None:

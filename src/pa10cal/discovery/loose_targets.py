@@ -140,7 +140,7 @@ def _distances(measured: Instrument) -> Iterator[_Distance]:
     """Yield the distances that enough poses show."""
     places_m, covariance = measured.places_m, measured.stated_covariance
     for pair, length_m in distances_between(places_m).items():
-        seen = np.flatnonzero(np.isfinite(length_m))
+        seen = np.flatnonzero(length_m > 0.0)  # at one place they show no direction
         if len(seen) < LOOSE.least_poses:
             continue
         between_m = places_m[seen, pair[0]] - places_m[seen, pair[1]]

@@ -211,7 +211,7 @@ def _trust(measured: Instrument, white: Array) -> Array:
         size = np.where(seen[:, kind], np.abs(white[:, kind]), 0.0)
         limit = Tails.of(size[seen[:, kind]]).largest(SCATTER.tail, 1)
         ratio = np.maximum(ratio, size.max(axis=1) / max(limit, _TINY))
-    ratio[keep_their_distances(measured.places_m)] = 1.0
+    ratio[keep_their_distances(measured)] = 1.0
     return np.asarray(ratio**-4.0)
 
 

@@ -50,7 +50,7 @@ def suspected_outliers(
     limit = suspect_beyond(problem.components_seen)
     rows = np.flatnonzero((fit.distance > limit) | (fit.weights < RECORDS.little_weight))
     variances = np.diagonal(problem.stated_covariance, axis1=1, axis2=2)
-    rigid_outliers = keep_their_distances(problem.observations.measured.places_m)
+    rigid_outliers = keep_their_distances(problem.observations.measured)
     found = []
     for row in rows[np.argsort(-fit.distance[rows])].tolist():
         reasons = []  # one for each kind of component; the largest deviation is reported

@@ -266,7 +266,7 @@ def _with_warm_ups(found: SearchOutcome) -> SearchOutcome:
     survey, fitted = found.rows.survey, found.extended
     weights = _weights_with_joints(survey, fitted)
     # Of readings that are right nothing is taken away.
-    right = keep_their_distances(survey.poses.measured.places_m)
+    right = keep_their_distances(survey.poses.measured)
     weights = replace(weights, weight=np.where(right, 1.0, weights.weight))
     residual = survey.net_residual(fitted.at)
     rows = WhitenedPoses(fitted.at, survey.poses, residual, weights.whiteners())
