@@ -157,3 +157,32 @@ def test_a_letter_that_tells_columns_apart_is_no_unit(roles):
     found = roles(["t", *"SLURBT", *"xyz"], 6)
     assert (found.joints, found.single["time"]) == (tuple("SLURBT"), "t")
     assert roles([*J, "x_m", "y_m", "z_m", "temp_C"], 6).positions[""] == ("x_m", "y_m", "z_m")
+
+
+@pytest.mark.parametrize(
+    ("place", "turned", "convention"),
+    [
+        (["x1", "y1", "z1"], ["rx1", "ry1", "rz1"], "rpy"),
+        (["x1", "y1", "z1"], ["phix1", "phiy1", "phiz1"], "rpy"),
+        (["x1", "y1", "z1"], ["qx1", "qy1", "qz1", "qw1"], "quaternion_xyzw"),
+        (["pos1_x", "pos1_y", "pos1_z"], ["rot1_x", "rot1_y", "rot1_z"], "rpy"),
+    ],
+)
+def test_an_orientation_may_have_the_number_of_its_target(place, turned, convention):
+    found = roles_of([*place, *turned, *J], 6)
+    assert [*found.positions.values()] == [tuple(place)]
+    assert found.attitude == (tuple(turned), convention)
+    assert found.joints == tuple(J)
+
+
+def test_orientations_of_several_numbered_targets_are_none_of_the_tool():
+    places = [f"{axis}{k}" for k in (1, 2) for axis in "xyz"]
+    turned = [f"r{axis}{k}" for k in (1, 2) for axis in "xyz"]
+    found = roles_of([*places, *turned, *J], 6)
+    assert len(found.positions) == 2
+    assert found.attitude is None
+
+
+def test_numbered_reflectors_are_places():
+    names = [f"R{k}_{axis}" for k in (1, 2) for axis in "xyz"]
+    assert len(roles_of([*names, *J], 6).positions) == 2

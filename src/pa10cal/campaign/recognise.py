@@ -87,12 +87,16 @@ _VOCABULARY = {
 _ORIENTATIONS = [(tuple(endings.split()), word) for endings, word in WORDS["orientations"]]
 #: Kinds of words that a number may follow without a sign, as in tau1.
 _NUMBERED_KINDS = ("torque", "no position", "deviation")
+#: The same of words of two letters and more, as in rot1: R1 is a reflector.
+_TURNED_KINDS = ("rotation", "vector", "quaternion")
 #: Words directly before or after x, y, z, as in `tcpx`.
 _BEFORE_AXIS = "p|t|pos|tcp|trans|coord|meas|act|ist"
 _AFTER_AXIS = "pos|ist|act|actual|mess|meas|measured|coord|koord|soll|nom|cmd"
 _AXIS = re.compile(rf"(?:{_BEFORE_AXIS})?([xyz])(?:{_AFTER_AXIS})?")
 #: An axis of a numbered place, as in X1, Y1, Z1.
 _NUMBERED_AXIS = re.compile(r"^([xyz])(\d+)$", re.IGNORECASE)
+#: A word of two letters and more with a number, as in rx1.
+_NUMBERED_WORD = re.compile(r"^([a-z]{2,})(\d+)$")
 #: Numbered columns beyond the arm's joints, at most, as of a gripper.
 MOST_BEYOND = 2
 #: Targets that move by less than this part of the largest motion are at rest.
@@ -134,8 +138,11 @@ def words_of_name(name: str) -> tuple[str, ...]:
 def has_word(words: Sequence[str], *kinds: str) -> bool:
     """Return whether one of the words is of one of these kinds of `WORDS`."""
     bare = [word.rstrip("0123456789") for word in words]
+    turned = [*words, *(word for word in bare if len(word) > 1)]
     return any(
-        not _VOCABULARY[kind].isdisjoint(bare if kind in _NUMBERED_KINDS else words)
+        not _VOCABULARY[kind].isdisjoint(
+            bare if kind in _NUMBERED_KINDS else turned if kind in _TURNED_KINDS else words
+        )
         for kind in kinds
     )
 
@@ -339,10 +346,12 @@ def _attitude(names: Sequence[str]) -> tuple[tuple[str, ...], str] | None:
         return order, "quaternion_wxyz" if order[0] == wxyz[0] else "quaternion_xyzw"
 
     for some in _measured_first(names):
-        for endings, convention in _ORIENTATIONS:
-            for columns in _with_endings(some, endings):
-                known = convention.startswith("quaternion")
-                return quaternion(columns) if known else (columns, convention)
+        for numbered in (False, True):
+            for endings, convention in _ORIENTATIONS:
+                columns = next(_with_endings(some, endings, numbered=numbered), None)
+                if columns is not None:
+                    known = convention.startswith("quaternion")
+                    return quaternion(columns) if known else (columns, convention)
         for axes, place in _by_axis(some, "wxyz"):
             if has_word(place, "quaternion", "rotation"):
                 return quaternion(tuple(axes.values()))
@@ -353,12 +362,20 @@ def _attitude(names: Sequence[str]) -> tuple[tuple[str, ...], str] | None:
     return None
 
 
-def _with_endings(names: Sequence[str], endings: Sequence[str]) -> Iterator[tuple[str, ...]]:
-    """Yield columns that differ only by these words; q1 … q4 followed by q5 are joints."""
+def _with_endings(
+    names: Sequence[str], endings: Sequence[str], *, numbered: bool = False
+) -> Iterator[tuple[str, ...]]:
+    """Yield columns that differ only by these words; q1 … q4 followed by q5 are joints.
+
+    `numbered` words have the number of the target behind them, as in rx1, if it is the same of all.
+    """
     beyond = {"q0": "q4", "q1": "q5"}.get(endings[0], "")
     groups: dict[tuple[str, ...], dict[str, str]] = {}
     for name in names:
         listed = words_of_name(name)
+        if numbered:
+            parted = (_NUMBERED_WORD.sub(r"\1 \2", word).split() for word in listed)
+            listed = tuple(itertools.chain.from_iterable(parted))
         for k, word in enumerate(listed):
             rest = (*listed[:k], *listed[k + 1 :])
             if any(map(_AXIS.fullmatch, rest)):
@@ -367,9 +384,13 @@ def _with_endings(names: Sequence[str], endings: Sequence[str]) -> Iterator[tupl
                 groups.setdefault(rest, {}).setdefault(word, name)
         if len(listed) >= 2 and listed[-2] + listed[-1] in (*endings, beyond):
             groups.setdefault(tuple(listed[:-2]), {}).setdefault(listed[-2] + listed[-1], name)
-    for group in groups.values():
-        if beyond not in group and all(ending in group for ending in endings):
-            yield tuple(group[ending] for ending in endings)
+    found = [
+        tuple(group[ending] for ending in endings)
+        for group in groups.values()
+        if beyond not in group and all(ending in group for ending in endings)
+    ]
+    if not numbered or len(found) == 1:
+        yield from found
 
 
 def _by_axis(
