@@ -199,3 +199,42 @@ def test_blocks_that_hold_too_little_are_refused(tmp_path, columns, text):
     code, _, said = columns("scan.txt")
     assert code == 2
     assert said.startswith("pa10cal columns:")
+
+
+def _matrices(raw):
+    """Return the measured poses as matrices (P, 4, 4), in mm."""
+    T = raw.T_instr_target.copy()
+    T[:, :3, 3] *= 1e3
+    return T
+
+
+def test_as_many_columns_as_joints_are_these_beside_poses_that_need_no_name(tmp_path, columns):
+    raw = sighted(tmp_path, "pose", noise_mm=0.02)
+    elsewhere = np.degrees(raw.q) * [1, -1, 1, 1, -1, 1] + [0, 5, 0, -8, 0, 0]
+    (tmp_path / "q.txt").write_text(rows_of(elsewhere))
+    (tmp_path / "m.txt").write_text(rows_of(_matrices(raw).reshape(-1, 16)))
+    code, out, _ = columns("q.txt", "m.txt")
+    assert code == 0
+    assert "mm and" in out  # how far the nominal arm is off
+    assert "joints:\n      names: ['1', '2', '3', '4', '5', '6']" in out
+
+
+@pytest.mark.parametrize("rows", [3, 4])
+def test_matrices_below_one_another_are_named(tmp_path, columns, rows):
+    raw = sighted(tmp_path, "pose", noise_mm=0.02)
+    (tmp_path / "q.txt").write_text(rows_of(np.degrees(raw.q)))
+    (tmp_path / "m.txt").write_text(rows_of(_matrices(raw)[:, :rows].reshape(-1, 4)))
+    code, _, said = columns("q.txt", "m.txt")
+    assert code == 2
+    assert f"m.txt holds matrices of {rows} rows, one below another" in said
+    assert f"write each into one row of {4 * rows} numbers" in said
+
+
+def test_joints_whose_names_say_nothing_are_told_by_the_arm(tmp_path, proposed):
+    raw = sighted(tmp_path, "pose", noise_mm=0.02)
+    place = 1e3 * raw.T_instr_target[:, :3, 3]
+    rows = [",".join(row.split()) for row in rows_of(place, np.degrees(raw.q)).splitlines()]
+    lines = ["x,y,z,slide,arm1,arm2,arm3,arm4,arm5", *rows, ""]
+    (tmp_path / "a.csv").write_text("\n".join(lines))
+    assert "joints: slide …, by the nominal arm" in proposed("a.csv")
+    assert is_whole(tmp_path, raw)

@@ -186,3 +186,9 @@ def test_orientations_of_several_numbered_targets_are_none_of_the_tool():
 def test_numbered_reflectors_are_places():
     names = [f"R{k}_{axis}" for k in (1, 2) for axis in "xyz"]
     assert len(roles_of([*names, *J], 6).positions) == 2
+
+
+@pytest.mark.parametrize("stem", ["joint", "joint_", "e"])
+def test_numbers_of_columns_without_names_are_no_names_of_joints(stem):
+    own = [f"{stem}{k}" for k in range(1, 7)]
+    assert named_joints([str(k) for k in range(1, 10)], 6, own) == ()

@@ -18,7 +18,7 @@ from pa10cal.campaign.csv_rows import same_name
 from pa10cal.campaign.joint_names import joint_sets
 from pa10cal.campaign.joint_positions import in_radians
 from pa10cal.campaign.nominal_fit import placed_by_points
-from pa10cal.campaign.recognise import Roles, standing
+from pa10cal.campaign.recognise import Roles, rows_of_a_matrix, standing
 from pa10cal.campaign.sniffing import Sniffed
 from pa10cal.campaign.two_logs import by_label, shared_labels
 from pa10cal.errors import RawDataError
@@ -177,6 +177,12 @@ def logs_by_arm(
                 fits.append((by_arm.scatter_m, in_order))
     if fits:
         return min(fits, key=lambda fit: fit[0])[1]
+    for (joint_roles, log, file), (reading_roles, measured, other) in (both, both[::-1]):
+        # What was measured is known by itself, and nothing else can be meant.
+        alone = is_headerless(log) and len(log.names) == len(arm.axes_slide)
+        if alone and reading_roles.positions and not joint_roles.positions:
+            joint_roles = replace(joint_roles, joints=tuple(log.names))
+            return [(joint_roles, log, file), (reading_roles, measured, other)]
     if not all(is_headerless(log) for _, log, _ in both):
         return both
     for (joint_roles, log, file), (reading_roles, measured, other) in (both, both[::-1]):
@@ -210,6 +216,15 @@ def refuse_untold(files: Sequence[tuple[Sniffed, Path]]) -> None:
     count, others = len(log.numbers), len(measured.numbers)
     named = next(path.name for each, path in files if is_headerless(each))
     remedy = "write headers, such as q1_deg, q2_deg … and x_mm, y_mm, z_mm"
+    for each, path in files:
+        if rows := rows_of_a_matrix(each.numbers):
+            raise RawDataError(
+                f"{path.name} holds matrices of {rows} rows, one below another",
+                where=f"{file.name} and {other.name}",
+                value=f"{count} and {others} rows",
+                allowed="one row for each pose",
+                remedy=f"write each into one row of {4 * rows} numbers",
+            )
     if count == others:
         what, allowed = "too few rows", f"at least {_LEAST_ROWS} rows"
     else:

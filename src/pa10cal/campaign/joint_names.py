@@ -100,7 +100,8 @@ def _by_description(names: Sequence[str], joint_names: Sequence[str]) -> tuple[s
     The words of a column and of a joint are the same, or else one ends with those of the other: of
     a joint called elbow also ours_elbow, and of one called ours_elbow also elbow.
     """
-    words_of = {name: _naming_words(name) for name in names}
+    # A number alone stands for the place of a column without a name.
+    words_of = {name: _naming_words(name) for name in names if not name.isdigit()}
     wanted = [_naming_words(joint) for joint in joint_names]
     if not wanted or len(set(wanted)) < len(wanted) or not all(wanted):
         return ()

@@ -75,6 +75,9 @@ def propose(
         if not roles.joints or not roles.positions:
             refuse_untold([(sniffed, Path(file))])
     by_name = roles
+    if arm is not None and roles.positions and not roles.joints:
+        by_arm = roles_by_arm((roles, sniffed), (roles, sniffed), arm)
+        roles = by_arm.of_joints if by_arm else roles
     if arm is not None:
         roles = of_the_arm(roles, sniffed, arm, joint_names)
     refuse_unrecognised(roles, sniffed, file)

@@ -570,6 +570,16 @@ def _are_matrices(values: Array) -> bool:
     return bool(right.mean() > _MOST) if len(values) else False
 
 
+def rows_of_a_matrix(numbers: Array) -> int:
+    """Return how many rows (N, 4) each hold a pose matrix, one below another; 0 for none."""
+    for rows in (4, 3):
+        if numbers.shape[1] == 4 and len(numbers) and len(numbers) % rows == 0:
+            matrices = numbers.reshape(-1, rows, 4)
+            if _are_matrices(matrices[spread(len(matrices), _LOOKED_AT)]):
+                return rows
+    return 0
+
+
 def rotation_columns(names: Sequence[str], numbers: Array) -> tuple[str, ...]:
     """Return the first nine neighbouring columns that are a moving rotation; empty for none.
 
