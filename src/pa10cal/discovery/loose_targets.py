@@ -14,10 +14,10 @@ import numpy as np
 
 from pa10cal.arrays import MEDIAN_TO_SIGMA, Array
 from pa10cal.discovery.rules import LOOSE
-from pa10cal.fit.tails import distances_between
 from pa10cal.frame.knocked_targets import knocks_on_body
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
+from pa10cal.observe.rigid_targets import distances_between
 from pa10cal.results.discovery import Unexplained
 
 

@@ -26,12 +26,13 @@ from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index, Mask
 from pa10cal.fit.fitted import Fitted
 from pa10cal.fit.problem import GaussianPrior, Problem, possible_sizes
-from pa10cal.fit.tails import Tails, keep_their_distances
+from pa10cal.fit.tails import Tails
 from pa10cal.fit.validity import Discrepancy
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.paths import along_a_path
+from pa10cal.observe.rigid_targets import keep_their_distances
 from pa10cal.rules import LACK, SCATTER
 from pa10cal.terms.field import embedded, well_spread
 from pa10cal.terms.model import Model

@@ -29,12 +29,12 @@ from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import with_loads_read_by, with_torques
 from pa10cal.fit.problem import Problem, not_identifiable
 from pa10cal.fit.robust_weights import suspect_beyond
-from pa10cal.fit.tails import keep_their_distances
 from pa10cal.fit.validity import angles_seen
 from pa10cal.fit.weighed_arm import weighed_model
 from pa10cal.observe.arrivals import with_arrivals
 from pa10cal.observe.observations import Observations, average_repeats
 from pa10cal.observe.quantities import Deviations, Start
+from pa10cal.observe.rigid_targets import keep_their_distances
 from pa10cal.observe.time_order import at_one_end
 from pa10cal.results import calibration as records
 from pa10cal.terms.model import Model

@@ -1,11 +1,11 @@
-"""Readings far from a model: what speaks for them."""
+"""Targets of one rigid tool: what their distances say of the readings."""
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pa10cal.fit.tails import keep_their_distances
 from pa10cal.observe.points import Points
+from pa10cal.observe.rigid_targets import keep_their_distances
 
 
 def measured(places, u_m=1e-5):
