@@ -9,13 +9,13 @@ import numpy as np
 
 from pa10cal.campaign.csv_rows import CONTRACT
 from pa10cal.campaign.joint_names import aliases_by_text, named_joints
+from pa10cal.campaign.matrices import with_matrix
 from pa10cal.campaign.recognise import (
     Roles,
     apart_by_letters,
     has_word,
     roles_of,
     standing,
-    with_matrix,
     with_polar,
     words_of_name,
 )

@@ -31,7 +31,8 @@ from pa10cal.campaign.instrument_exports import (
     qualisys_table,
     vicon_table,
 )
-from pa10cal.campaign.recognise import matrix_columns, polar_columns, roles_of
+from pa10cal.campaign.matrices import matrix_columns
+from pa10cal.campaign.recognise import polar_columns, roles_of
 from pa10cal.campaign.text_lines import BAGS, TextLine, binary_kind, lines_of
 from pa10cal.errors import RawDataError
 
