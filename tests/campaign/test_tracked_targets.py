@@ -13,7 +13,7 @@ from made_up_sightings import UNCERTAINTY_MM, sighted
 from pa10cal.arm.chain import Chain
 from pa10cal.campaign.read import repeatability_mm, wrong_rows
 from pa10cal.campaign.rounded_joints import whole_counts
-from pa10cal.campaign.screens import held_last
+from pa10cal.campaign.screens import OFF_REPEATS, held_last, off_its_like
 from pa10cal.errors import Pa10calError
 from pa10cal.files.arms import load_arm
 from spoiling import ingest, replace, with_columns
@@ -556,3 +556,42 @@ def test_targets_that_were_computed_from_one_pose_are_told(tmp_path):
     raw = sighted(tmp_path, "points", noise_mm=0.0)
     (warning,) = ingest(raw).warnings
     assert "T1, T2, T3 were computed from one pose" in warning
+
+
+def contradicted(shift_m, noise_m=0.004):
+    """Return places, the same by the nominal arm, and joints; row 7 has the joints of row 6."""
+    rng = np.random.default_rng(6)
+    modelled = rng.normal(0.0, 0.5, (40, 2, 3))
+    near = rng.uniform(-900.0, 900.0, (40, 6))
+    near[7], modelled[7] = near[6] + 0.2, modelled[6] + 2e-4
+    places = modelled + rng.normal(0.0, noise_m, (40, 2, 3))
+    places[7] = places[6] + [0.0, shift_m, 0.0]
+    return places, modelled, near
+
+
+def test_of_two_rows_with_the_same_joints_the_one_is_off_that_the_arm_contradicts():
+    places, modelled, near = contradicted(0.06)
+    load = np.zeros(40)
+    assert np.flatnonzero(off_its_like(places, modelled, near, load).all(axis=1)).tolist() == [7]
+    assert not off_its_like(places, modelled, near, np.arange(40.0)).any()
+    far = near + 10.0 * np.arange(40)[:, None]
+    assert not off_its_like(places, modelled, far, load).any()
+    assert not off_its_like(*contradicted(0.008), load).any()  # below the limit of repeats
+    assert not off_its_like(*contradicted(0.03, noise_m=0.02), load).any()  # as others are off
+
+
+def test_a_held_out_row_that_another_row_contradicts_is_quarantined(tmp_path):
+    raw = sighted(tmp_path, "points", noise_mm=4.0)
+    kind = raw.column("kind")
+    row = next(k for k, line in enumerate(raw.poses) if line.split(",")[kind] == "holdout")
+    before, words = raw.poses[row - 1].split(","), raw.poses[row].split(",")
+    for name in raw.poses[0].split(","):
+        k = raw.column(name)
+        if name.startswith("q"):
+            words[k] = before[k]
+        elif name.endswith("_x_mm"):
+            words[k] = repr(float(before[k]) + 70.0) if before[k] else ""
+        elif name.endswith(("_y_mm", "_z_mm")):
+            words[k] = before[k]
+    raw.poses[row] = ",".join(words)
+    assert listed(ingest(raw)) == [(row + 1, OFF_REPEATS)]

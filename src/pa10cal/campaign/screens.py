@@ -13,6 +13,7 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import MEDIAN_TO_SIGMA, Array, Mask
@@ -26,6 +27,8 @@ from pa10cal.observe.quantities import Misfit
 #: Distances from repeats, and from the nominal model, that are always allowed, and the multiple of
 #: the standard deviation, or of the median misfit, that is.
 REPEATS_M, MODEL_M, MODEL_RAD, ROBUST_SIGMAS = 0.01, 0.1, np.radians(10.0), 10.0
+#: The same multiple where a row with the same joints contradicts, and what counts as the same.
+LIKE_SIGMAS, LIKE_RAD, LIKE_M = 5.0, np.radians(0.1), 1e-3
 #: Distances from the nominal model that are allowed of held-out rows.
 HELD_OUT_M, HELD_OUT_RAD = 0.01, np.radians(2.0)
 #: Where a reading is further off than the model's limits, they are reduced to this part: errors of
@@ -88,6 +91,34 @@ def off_repeats(p_m: Array, pose: NDArray[np.str_], load_N: Array) -> Mask:
         return judged
     sigma_m = MEDIAN_TO_SIGMA * float(np.median(distance[judged]))
     return np.asarray(judged & (distance > max(REPEATS_M, ROBUST_SIGMAS * sigma_m)))
+
+
+def off_its_like(p_m: Array, modelled_m: Array, near: Array, load_N: Array) -> Mask:
+    """Return targets (N, B) far from where another row with the same joints and load has them.
+
+    Of the two it is the one that the nominal arm contradicts, by a multiple of the median misfit.
+
+    Args:
+        p_m: (N, B, 3) measured places, nan where not seen.
+        modelled_m: (N, B, 3) the same by the nominal arm, base and targets fitted.
+        near: (N, n) joint positions over what counts as the same.
+    """
+    off = np.zeros(p_m.shape[:2], dtype=bool)
+    if len(p_m) < 2:
+        return off
+    distance, nearest = cKDTree(near).query(near, k=2, p=np.inf, distance_upper_bound=1.0)
+    rows = np.arange(len(p_m))
+    column = np.where(nearest[:, 0] == rows, 1, 0)
+    like, found = nearest[rows, column], np.isfinite(distance[rows, column])
+    rows, like = rows[found], like[found]
+    rows, like = (each[load_N[rows] == load_N[like]] for each in (rows, like))
+    away_m = p_m - modelled_m
+    misfit_m = np.linalg.norm(away_m, axis=2)
+    apart_m = np.linalg.norm(away_m[rows] - away_m[like], axis=2)
+    limit_m = np.maximum(0.5 * apart_m, 2.0 * misfit_m[like])
+    limit_m = np.maximum(limit_m, LIKE_SIGMAS * float(np.nanmedian(misfit_m)))
+    off[rows] = (apart_m > REPEATS_M) & (misfit_m[rows] > limit_m)
+    return off
 
 
 def off_model(misfit: Misfit, held_out: Mask | None = None) -> Mask:

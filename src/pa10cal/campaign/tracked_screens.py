@@ -104,6 +104,7 @@ class Screen:
         self._quarantine_targets(self._held_last(), screens.HELD)
         self._quarantine_exchanged()
         self._quarantine_targets(self._by_target(repeats), screens.OFF_REPEATS)
+        self._quarantine_targets(self._off_their_like(), screens.OFF_REPEATS)
         misfit = misfit_of(self.found.measured, self.T_base_ee)
         if misfit is not None:
             self._look_at_poor_fit(misfit)
@@ -160,6 +161,23 @@ class Screen:
             # The description of the arm is too far off to say where targets went.
             return np.zeros(places_m.shape[:2], dtype=bool)
         return screens.held_last(places_m, modelled)
+
+    def _off_their_like(self) -> Mask:
+        """Return the targets (N, B) of held-out rows that another row contradicts.
+
+        A calibration gives such rows little weight where it fits them; of held-out ones nothing
+        else finds them.
+        """
+        measured, states = self.found.measured, self.found.states
+        held_out, places_m = self.found.kind == "holdout", measured.places_m
+        modelled = None
+        if held_out.any() and places_m.shape[2] == 3:
+            modelled = nominal_places(self.T_base_ee, places_m)
+        if modelled is None:
+            return np.zeros(places_m.shape[:2], dtype=bool)
+        same = np.where(self.arm.prismatic, screens.LIKE_M, screens.LIKE_RAD)
+        off = screens.off_its_like(places_m, modelled, states.q_rad / same, states.load_N)
+        return off & held_out[:, None]
 
     def _quarantine_exchanged(self) -> None:
         """Quarantine rows whose targets are exchanged; refuse the file where most rows are so."""
