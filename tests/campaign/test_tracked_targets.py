@@ -580,7 +580,7 @@ def test_of_two_rows_with_the_same_joints_the_one_is_off_that_the_arm_contradict
     assert not off_its_like(*contradicted(0.03, noise_m=0.02), load).any()  # as others are off
 
 
-def test_a_held_out_row_that_another_row_contradicts_is_quarantined(tmp_path):
+def test_a_row_that_another_row_contradicts_is_quarantined(tmp_path):
     raw = sighted(tmp_path, "points", noise_mm=4.0)
     kind = raw.column("kind")
     row = next(k for k, line in enumerate(raw.poses) if line.split(",")[kind] == "holdout")

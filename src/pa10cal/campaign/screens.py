@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from pa10cal.arm.description import Arm
-from pa10cal.arrays import MEDIAN_TO_SIGMA, Array, Mask
+from pa10cal.arrays import MEDIAN_TO_SIGMA, Array, Index, Mask
 from pa10cal.campaign.column_map import CONTRACT_COLUMNS, LENGTHS, UNIT_WORDS, ColumnMap
 from pa10cal.campaign.csv_rows import REPEATED
 from pa10cal.campaign.raw_rows import COMMA, EXCLUDED, Quarantined
@@ -106,12 +106,14 @@ def off_its_like(p_m: Array, modelled_m: Array, near: Array, load_N: Array) -> M
     off = np.zeros(p_m.shape[:2], dtype=bool)
     if len(p_m) < 2:
         return off
-    distance, nearest = cKDTree(near).query(near, k=2, p=np.inf, distance_upper_bound=1.0)
-    rows = np.arange(len(p_m))
-    column = np.where(nearest[:, 0] == rows, 1, 0)
-    like, found = nearest[rows, column], np.isfinite(distance[rows, column])
-    rows, like = rows[found], like[found]
-    rows, like = (each[load_N[rows] == load_N[like]] for each in (rows, like))
+    found = cKDTree(near).query(near, k=2, p=np.inf, distance_upper_bound=1.0)
+    distance, nearest = np.asarray(found[0]), np.asarray(found[1])
+    rows: Index = np.arange(len(p_m))
+    other = np.where(nearest[:, 0] == rows, 1, 0)  # of the two nearest rows one is the row itself
+    rows = rows[np.isfinite(distance[rows, other])]
+    like: Index = nearest[rows, other[rows]]
+    of_one_load = load_N[rows] == load_N[like]
+    rows, like = rows[of_one_load], like[of_one_load]
     away_m = p_m - modelled_m
     misfit_m = np.linalg.norm(away_m, axis=2)
     apart_m = np.linalg.norm(away_m[rows] - away_m[like], axis=2)

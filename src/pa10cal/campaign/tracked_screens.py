@@ -163,21 +163,17 @@ class Screen:
         return screens.held_last(places_m, modelled)
 
     def _off_their_like(self) -> Mask:
-        """Return the targets (N, B) of held-out rows that another row contradicts.
+        """Return the targets (N, B) that a row with the same joints and the nominal arm contradict.
 
-        A calibration gives such rows little weight where it fits them; of held-out ones nothing
-        else finds them.
+        A calibration gives such a row little weight where it fits it; if it is held out, and that
+        is not yet known, nothing else finds it.
         """
-        measured, states = self.found.measured, self.found.states
-        held_out, places_m = self.found.kind == "holdout", measured.places_m
-        modelled = None
-        if held_out.any() and places_m.shape[2] == 3:
-            modelled = nominal_places(self.T_base_ee, places_m)
+        states, places_m = self.found.states, self.found.measured.places_m
+        modelled = nominal_places(self.T_base_ee, places_m) if places_m.shape[2] == 3 else None
         if modelled is None:
             return np.zeros(places_m.shape[:2], dtype=bool)
         same = np.where(self.arm.prismatic, screens.LIKE_M, screens.LIKE_RAD)
-        off = screens.off_its_like(places_m, modelled, states.q_rad / same, states.load_N)
-        return off & held_out[:, None]
+        return screens.off_its_like(places_m, modelled, states.q_rad / same, states.load_N)
 
     def _quarantine_exchanged(self) -> None:
         """Quarantine rows whose targets are exchanged; refuse the file where most rows are so."""
