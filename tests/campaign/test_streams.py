@@ -178,3 +178,73 @@ def test_a_clock_that_is_stated_is_taken(written):
     found = read_campaign(folder)
     assert any(f"{logs.offsets_s[0]:+.2f} s;" in note for note in found.notes)
     assert is_read(found, logs.q_rad, logs.T_instr_target, atol_m=2e-4)
+
+
+@pytest.mark.parametrize("hertz", [(4.0, 2.0), (50.0, 1.0)])
+def test_an_instrument_that_runs_freely_is_a_stream_however_slow(written, hertz):
+    """Its readings at the arm's stands are averaged; those on the way are no configurations."""
+    logs = streams(12, *hertz, poses=20, stands_s=(5.0, 12.0))
+    text, folder = written(logs)
+    # Before the first pose it stood for a second only.
+    assert re.search("in 2[01] of 21 steady phases and are averaged", text)
+    offset_s, two_u_s = clock_in(text)
+    assert abs(offset_s - logs.offsets_s[0]) <= max(two_u_s, 0.003)
+    found = read_campaign(folder)
+    assert found.quarantined == ()
+    assert is_read(found, logs.q_rad, logs.T_instr_target, atol_m=2e-4)
+
+
+def middles_of_stands(logs):
+    """Return the reading in the middle of every stand."""
+    step_m = np.linalg.norm(np.diff(logs.T_read[:, :3, 3], axis=0), axis=1)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], step_m < 5e-4, [0]])))
+    stands = [(a, b) for a, b in edges.reshape(-1, 2).tolist() if b - a > 20]
+    return np.array([(a + b) // 2 for a, b in stands])
+
+
+def test_readings_triggered_some_times_a_stand_are_no_stream(written):
+    """Three of each stand, a tenth of a second apart, are repeats of its pose."""
+    logs = streams(13, 50.0, 20.0, poses=40)
+    rows = (middles_of_stands(logs)[:, None] + [-2, 0, 2]).ravel()
+    logs.readings = logs.readings.iloc[rows]
+    text, folder = written(logs)
+    assert f"{len(rows)} of {len(rows)} readings lie in" in text
+    found = read_campaign(folder)
+    assert found.quarantined == ()
+    assert is_read(found, logs.q_rad, logs.T_instr_target, atol_m=2e-4)
+
+
+@pytest.mark.parametrize("which", ["joints", "readings"])
+def test_times_that_cannot_be_seconds_are_asked_about(written, which):
+    """A log in milliseconds under a header without a unit would be of an arm that creeps."""
+    logs = streams(14, 50.0, 20.0, poses=12)
+    table, name = getattr(logs, which), {"joints": "t [s]", "readings": "Time [s]"}[which]
+    table[name] = (1e3 * table[name]).round()
+    setattr(logs, which, table.rename(columns={name: "time"}))
+    text, folder = written(logs)
+    assert "no seconds" in text
+    with pytest.raises(Pa10calError, match="no seconds") as refused:
+        read_campaign(folder)
+    assert f"columns.{which}.time" in refused.value.remedy
+    assert "ms" in refused.value.remedy
+    description = folder / "campaign.yaml"
+    content = yaml.safe_load(description.read_text())
+    content["columns"][which]["time"]["unit"] = "ms"
+    description.write_text(yaml.safe_dump(content))
+    assert is_read(read_campaign(folder), logs.q_rad, logs.T_instr_target, atol_m=2e-4)
+
+
+def test_a_stand_is_used_when_the_first_of_two_targets_is_hidden_there(written):
+    logs = streams(15, 50.0, 20.0, poses=20)
+    table = logs.readings
+    second = 1e3 * (logs.T_read[:, :3, 3] + logs.T_read[:, :3, 0] * 0.1)
+    table.columns = ["Time [s]", *(f"T1_{axis} [mm]" for axis in "XYZ")]
+    for k, axis in enumerate("XYZ"):
+        table[f"T2_{axis} [mm]"] = second[:, k]
+    middles = middles_of_stands(logs)
+    hidden = slice(middles[6] - 15, middles[8] + 15)
+    table.iloc[hidden, 1:4] = np.nan
+    table.iloc[middles[12] : middles[14], 4:] = np.nan
+    text, folder = written(logs)
+    assert "in 21 of 21 steady phases" in text
+    assert len(read_campaign(folder).observations) == 21

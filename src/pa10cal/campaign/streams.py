@@ -22,12 +22,12 @@ from pa10cal.campaign.dwells import SPEED_WINDOW_S, Samples, Stations, find_dwel
 from pa10cal.campaign.nominal_fit import placed_by_points
 from pa10cal.campaign.raw_rows import RawRows
 
-#: Readings are a stream with a median interval of at most this [s], and at least so many rows.
-STREAM_S, STREAM_ROWS = 0.25, 100
-#: Readings of a dwell, at least; a slower target is at rest whatever the noise.
-LEAST_READINGS, STILL_MM_S = 4, 0.3
-#: Readings of the running median that suppresses single outliers.
-MEDIAN = 5
+#: Readings of a dwell, at least, and where their median interval is longer than this [s].
+LEAST_READINGS, LEAST_SLOW_READINGS, SLOW_S = 4, 2, 0.15
+#: A slower target is at rest whatever the noise [mm/s].
+STILL_MM_S = 0.3
+#: Readings of the running median that suppresses single outliers, and where a dwell has few.
+MEDIAN, MEDIAN_OF_FEW = 5, 3
 #: A motion shows the offset if it is at least as long [m] and has at least so many readings.
 LEAST_WAY_M, LEAST_MOVING = 0.02, 3
 #: Samples within this time of a motion belong to it [s]; readings of one motion used, at most.
@@ -77,10 +77,10 @@ class Clock:
         )
 
 
-def is_stream(time_s: Array) -> bool:
-    """Return whether readings at these times go on while the arm moves."""
-    known_s = np.sort(time_s[np.isfinite(time_s)])
-    return len(known_s) >= STREAM_ROWS and bool(np.median(np.diff(known_s)) <= STREAM_S)
+def least_readings(time_s: Array) -> int:
+    """Return how many readings at times (N,), in order, a dwell has at least."""
+    slow = len(time_s) > 1 and np.median(np.diff(time_s)) > SLOW_S
+    return LEAST_SLOW_READINGS if slow else LEAST_READINGS
 
 
 def spread_times(time_s: Array) -> Array:
@@ -114,20 +114,22 @@ def reading_dwells(time_s: Array, p_mm: Array, window_s: float = SPEED_WINDOW_S)
     """Return the dwells of a target measured at p_mm (N, m), nan where it was not seen."""
     seen = np.flatnonzero(np.isfinite(p_mm).all(axis=1))
     unknown = np.full((len(seen), 1), np.nan)
-    smooth = median_filter(p_mm[seen], size=(MEDIAN, 1), mode="nearest")
+    least = least_readings(time_s[seen])
+    median_of = MEDIAN if least == LEAST_READINGS else MEDIAN_OF_FEW
+    smooth = median_filter(p_mm[seen], size=(median_of, 1), mode="nearest")
     samples = Samples(seen, time_s[seen], smooth, unknown, unknown[:, 0])
     ahead = np.searchsorted(samples.time_s, samples.time_s + window_s)
     within = np.flatnonzero(ahead < len(seen))
     if len(within) < 2:
-        return _of_all(find_dwells(samples, STILL_MM_S, window_s), seen, len(time_s))
+        return _of_all(find_dwells(samples, STILL_MM_S, window_s), seen, len(time_s), least)
     travel_mm = np.abs(smooth[ahead[within]] - smooth[within]).max(axis=1)
     speed_mm_s = max(STILL_MM_S, scatter_at_rest(travel_mm) / window_s)
-    return _of_all(find_dwells(samples, speed_mm_s, window_s), seen, len(time_s))
+    return _of_all(find_dwells(samples, speed_mm_s, window_s), seen, len(time_s), least)
 
 
-def _of_all(dwells: Stations, seen: Index, count: int) -> Stations:
+def _of_all(dwells: Stations, seen: Index, count: int, least: int) -> Stations:
     """Return dwells with readings numbered among all, not among those `seen`; omit short dwells."""
-    long = np.flatnonzero(dwells.samples >= LEAST_READINGS)
+    long = np.flatnonzero(dwells.samples >= least)
     number = np.full(len(dwells) + 1, -1)  # the last entry is for -1, in no dwell
     number[long] = np.arange(len(long))
     of_all = np.full(count, -1)
@@ -208,7 +210,7 @@ def clock_of_motion(
     seen: Mask = np.asarray(np.isfinite(p_m).all(axis=1))
     rows = np.flatnonzero((station >= 0) & seen)
     count = np.bincount(station[rows], minlength=len(stations))
-    known = np.flatnonzero(count >= LEAST_READINGS)
+    known = np.flatnonzero(count >= least_readings(time_s))
     if len(known) < LEAST_MOTIONS:
         return None
     mean_m = np.full((len(stations), 3), np.nan)

@@ -14,7 +14,7 @@ import numpy as np
 
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
-from pa10cal.arrays import Array, Index
+from pa10cal.arrays import Array, Index, Mask
 from pa10cal.campaign.description import DESCRIPTION_FILE, CampaignDescription
 from pa10cal.campaign.dwells import (
     BRIEF_WINDOW_S,
@@ -28,13 +28,20 @@ from pa10cal.campaign.dwells import (
 from pa10cal.campaign.joint_positions import in_radians
 from pa10cal.campaign.nominal_fit import RIGHT_ROWS_M, ReadingsAtStations
 from pa10cal.campaign.raw_rows import RawRows
+from pa10cal.campaign.sampling import (
+    SLOWEST_JOINT,
+    SLOWEST_SLIDE,
+    SLOWEST_TARGET_MM_S,
+    goes_on,
+    refuse_creeping,
+    refuse_unlike_durations,
+)
 from pa10cal.campaign.streams import (
-    LEAST_READINGS,
     Clock,
     averaged,
     clock_by_edges,
     clock_of_motion,
-    is_stream,
+    least_readings,
     reading_dwells,
     resolution_s,
     spread_times,
@@ -145,11 +152,10 @@ class _Stream:
         quarantined = tuple(row for row in read.quarantined if row not in unseen)
         read = replace(read.at(np.argsort(read["time_s"], kind="stable")), quarantined=quarantined)
         read = read.at(np.flatnonzero(np.isfinite(read["time_s"])))
-        places = [read.numbers_of(names) for names in measured.targets]
         return cls(
             read,
             spread_times(read["time_s"]),
-            max(places, key=lambda p_mm: int(np.isfinite(p_mm).all(axis=1).sum())),
+            _seen_most(read, measured),
             len(unseen),
             replace(samples, time_s=spread_times(samples.time_s)),
             max(map(resolution_s, (read["time_s"], samples.time_s))),
@@ -166,11 +172,12 @@ class _AtRest(NamedTuple):
 
     target: Stations  # dwells of the readings
     arm: Stations
+    window_s: float  # over which speeds were averaged
 
     @property
     def last_s(self) -> tuple[float, float]:
         """Return the median time that a dwell of the target and a station of the arm last."""
-        target_s, arm_s = (float(np.median(each.end_s - each.start_s)) for each in self)
+        target_s, arm_s = (float(np.median(each.end_s - each.start_s)) for each in self[:2])
         return target_s, arm_s
 
 
@@ -187,7 +194,20 @@ class TimeJoin:
 
     def join(self, read: RawRows) -> JoinedReadings:
         """Return the readings with their stations; those of a stream are averaged there."""
-        return self._stream(read) if is_stream(read["time_s"]) else self._single_readings(read)
+        time_s, p_mm = read["time_s"], _seen_most(read, self.nominal.measured)
+        self._refuse_creeping(time_s, p_mm)
+        if goes_on(time_s, p_mm):
+            return self._stream(read)
+        refuse_unlike_durations((self.joints, self.readings), self.samples.time_s, time_s)
+        return self._single_readings(read)
+
+    def _refuse_creeping(self, time_s: Array, p_mm: Array) -> None:
+        """Refuse times of either log by which joints, or the target at p_mm (N, m), creep."""
+        samples = self.samples
+        slowest = np.where(self.nominal.arm.prismatic, SLOWEST_SLIDE, SLOWEST_JOINT)
+        refuse_creeping(self.joints, "joints", samples.time_s, samples.q_deg, slowest)
+        of_target = np.full(p_mm.shape[1], SLOWEST_TARGET_MM_S)
+        refuse_creeping(self.readings, "readings", time_s, p_mm, of_target)
 
     def _single_readings(self, read: RawRows) -> JoinedReadings:
         """Join readings that were each taken while the arm stood."""
@@ -212,9 +232,9 @@ class TimeJoin:
         at_rest = self._at_rest(stream)
         clock = self._clock(stream, at_rest)
         station = at_rest.arm.at(clock.joints_s(stream.time_s))
-        steady = (at_rest.target.of_sample >= 0) & (station >= 0)
+        steady = self._target_rests(stream, at_rest) & (station >= 0)
         visited, number = np.unique(station[steady], return_inverse=True)
-        enough = np.bincount(number, minlength=len(visited)) >= LEAST_READINGS
+        enough = np.bincount(number, minlength=len(visited)) >= least_readings(stream.time_s)
         group = np.full(len(station), -1)
         group[steady] = np.where(enough[number], (np.cumsum(enough) - 1)[number], -1)
         used, visit_count = int((group >= 0).sum()), int(enough.sum())
@@ -227,6 +247,14 @@ class TimeJoin:
             f"{stream.rows - used} are set aside, taken in motion{unseen}"
         )
         return JoinedReadings(averaged(stream.read, group), visited[enough], at_rest.arm, note)
+
+    def _target_rests(self, stream: _Stream, at_rest: _AtRest) -> Mask:
+        """Return whether a target rests at each reading (N,); of several any that is seen there."""
+        rests = np.zeros(len(stream.time_s), dtype=bool)
+        for names in self.nominal.measured.targets:
+            p_mm = stream.read.numbers_of(names)
+            rests |= reading_dwells(stream.time_s, p_mm, at_rest.window_s).of_sample >= 0
+        return rests
 
     @property
     def _joined_by_time(self) -> str:
@@ -253,14 +281,14 @@ class TimeJoin:
         def over(window_s: float) -> _AtRest:
             dwells = reading_dwells(stream.time_s, stream.p_mm, window_s)
             arm = stations_of(samples, len(dwells), self.still_speed_deg_s, window_s)
-            return _AtRest(dwells, arm)
+            return _AtRest(dwells, arm, window_s)
 
         def count(at_rest: _AtRest) -> int:
             arm_count = len(at_rest.arm) if len(at_rest.arm) < len(samples) else 0
             return min(len(at_rest.target), arm_count)
 
         at_rest, briefly = over(SPEED_WINDOW_S), over(BRIEF_WINDOW_S)
-        lasts_s = [each.end_s - each.start_s for each in at_rest if len(each)]
+        lasts_s = [each.end_s - each.start_s for each in at_rest[:2] if len(each)]
         short = any(np.median(durations_s) < 2.0 * SPEED_WINDOW_S for durations_s in lasts_s)
         if count(briefly) > count(at_rest) * (1.0 if short else MANY_MORE):
             at_rest = briefly
@@ -277,7 +305,7 @@ class TimeJoin:
         Raises:
             RawDataError: when target and arm do not stand still at the same times.
         """
-        dwells, stations = at_rest
+        dwells, stations = at_rest.target, at_rest.arm
         middle_s = 0.5 * (dwells.start_s + dwells.end_s)
         means = averaged(stream.read, dwells.of_sample)
         at_stations = self.nominal.at_stations(means, stations)
@@ -356,6 +384,12 @@ class TimeJoin:
             allowed="readings taken while the arm stands still",
             remedy=remedy,
         )
+
+
+def _seen_most(read: RawRows, measured: RawColumns) -> Array:
+    """Return places (N, 3), or distances (N, 1), of the target that was seen most [mm]."""
+    places = [read.numbers_of(names) for names in measured.targets]
+    return max(places, key=lambda p_mm: int(np.isfinite(p_mm).all(axis=1).sum()))
 
 
 def _of_motion(samples: Samples, at_rest: _AtRest) -> bool:
