@@ -87,7 +87,7 @@ def refuse_creeping(path: Path, key: str, time_s: Array, values: Array, slowest:
     if len(speed) and (speed.max(axis=0) < slowest).all():
         unit = "mm/s" if key == "readings" else "deg/s or mm/s"
         value = f"{_lasts(time_s)}, in which nothing is faster than {speed.max():.2g} {unit}"
-        raise _no_seconds(path, key, value)
+        raise _other_unit(path, key, value)
 
 
 def refuse_unlike_durations(paths: tuple[Path, Path], joints_s: Array, readings_s: Array) -> None:
@@ -100,7 +100,7 @@ def refuse_unlike_durations(paths: tuple[Path, Path], joints_s: Array, readings_
     if durations_s[longer] > _ALIKE_DURATIONS * durations_s[1 - longer]:
         shorter = (readings_s, joints_s)[longer]
         value = f"{_lasts((joints_s, readings_s)[longer])}; {paths[1 - longer].name}: "
-        raise _no_seconds(
+        raise _other_unit(
             paths[longer], ("joints", "readings")[longer], f"{value}{_lasts(shorter)}"
         )
 
@@ -115,9 +115,9 @@ def _lasts(time_s: Array) -> str:
     return f"{len(time_s)} rows in {np.nanmax(time_s) - np.nanmin(time_s):.0f} s"
 
 
-def _no_seconds(path: Path, key: str, value: str) -> RawDataError:
+def _other_unit(path: Path, key: str, value: str) -> RawDataError:
     return RawDataError(
-        f"the times of {path.name} are no seconds",
+        f"the times of {path.name} cannot be in the unit in which they are read",
         where=f"{path.parent / DESCRIPTION_FILE}: columns.{key}.time",
         value=value,
         allowed="times in the unit that is stated",
