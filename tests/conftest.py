@@ -86,18 +86,17 @@ def pytest_collection(session: pytest.Session) -> Iterator[None]:
         gc.enable()
 
 
-def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Put the files first that are named so; workers take files in the order of the items.
 
-    Tests that compare digits get their marker here where it is asked for, so that none is
-    forgotten; so do cases of a test that is `slow_but_one_in` some number.
+    Tests that compare digits get their marker here, so that none is forgotten; so do cases of a
+    test that is `slow_but_one_in` some number.
     """
-    by_digits = "digits" in config.getoption("markexpr")
     for item in items:
         if (one := item.get_closest_marker("slow_but_one_in")) and not _is_one_in(item, *one.args):
             item.add_marker(pytest.mark.slow)
         function = getattr(item, "function", None)
-        if by_digits and function is not None:
+        if function is not None:
             drawn = getattr(function, "hypothesis", None)
             written = inspect.unwrap(drawn.inner_test if drawn else function)
             if _compares_digits(written.__code__):
