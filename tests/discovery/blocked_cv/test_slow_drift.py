@@ -10,7 +10,11 @@ from made_up_survey import POSITION_M, observe
 from pa10cal.arm.statics import PoseStates
 from pa10cal.discovery.blocked_cv import outcome
 from pa10cal.discovery.blocked_cv.by_blocks import discover_by_blocks
-from pa10cal.discovery.blocked_cv.interleaved_check import SquaresByBlock, slow_drift
+from pa10cal.discovery.blocked_cv.interleaved_check import (
+    SquaresByBlock,
+    slow_drift,
+    steady_courses,
+)
 from pa10cal.discovery.preparation import Prepared
 from pa10cal.discovery.target_wander import TargetWander, in_words, target_wander, wander_instead_of
 from pa10cal.fit.model_reading import model_from_plain
@@ -95,6 +99,82 @@ def test_a_constant_drift_is_no_alternative_of_a_slow_one(nothing_hidden):
     (judged,) = slow_drift(nothing_hidden.discovery.scorer.survey, AllAlike(), ())
     assert judged.effect.waves > 0
     assert judged.effect.id not in {each.id for each in judged.alternatives}
+
+
+# What is in proportion to time or temperature, in the place of a slow drift.
+
+
+SECONDS = 1500.0
+
+
+def drifting(along_m):
+    """A short campaign whose readings are shifted in proportion to time."""
+    surveyed = observe(poses=150, held_out=10)
+    readings = surveyed.readings
+    readings = readings.take(np.argsort(readings.states.time_s))
+    part = np.linspace(0.0, 1.0, len(readings))
+    states = replace(readings.states, time_s=SECONDS * part)
+    T = readings.measured.T_instr_target.copy()
+    T[:, :3, 3] += np.outer(part, along_m)
+    readings = replace(readings, states=states).with_measured(T_instr_target=T)
+    given = Prepared(readings, None, surveyed.baseline, surveyed.setup, "masses", False)
+    return discover_by_blocks(given)
+
+
+@pytest.mark.slow
+def test_a_base_that_drifts_steadily_and_fast_is_named_and_does_not_wander():
+    along_m = 5.0 * POSITION_M * np.array([1.0, -0.6, 0.4])
+    found = drifting(along_m)
+    (finding,) = found.effects
+    assert (finding.id, finding.effect.waves) == ("base_drift", 0)
+    assert not found.unexplained
+    rate_m_h = found.extended.at.values_of(finding.effect)
+    expected_m_h = along_m @ found.baseline.T_instr_base[:3, :3] * 3600.0 / SECONDS
+    np.testing.assert_allclose(rate_m_h, expected_m_h, rtol=0.0, atol=0.15 * max(abs(expected_m_h)))
+    back = model_from_plain(model_to_plain(found.model), where="model.yaml")
+    assert back.model.terms == found.model.model.terms
+
+
+class SquaresOf:
+    """A check in which effects leave given squares, by their name; others leave those of none."""
+
+    def __init__(self, squares):
+        self._squares = squares
+
+    def squares(self, effects=(), *, lag=True):
+        names = [(each.id, getattr(each, "waves", 0) > 0) for each in effects]
+        left = self._squares.get(names[0], 2.0) if names else 2.0
+        return SquaresByBlock(np.full((2, 10), left), 0.1)
+
+    def gains_a_share(self, before, after):
+        return after.total.sum() < before.total.sum()
+
+
+@pytest.mark.parametrize(
+    ("squares", "names"),
+    [
+        ({("base_drift", True): 1.0, ("base_drift", False): 1.2}, []),
+        ({("base_drift", True): 1.0, ("base_drift", False): 1.0}, ["base_drift"]),
+        ({("base_drift", True): 1.9, ("base_drift", False): 1.8}, ["base_drift"]),
+        ({("base_drift", True): 1.5, ("thermal_growth", False): 1.2}, ["thermal_growth"]),
+        ({}, []),
+    ],
+)
+def test_a_steady_drift_stands_for_a_slow_one_where_it_predicts_no_worse(
+    nothing_hidden, squares, names
+):
+    survey = nothing_hidden.discovery.scorer.survey
+    steady = steady_courses(survey, SquaresOf(squares), ())
+    assert [each.id for each in steady] == names
+    again = steady_courses(survey, SquaresOf(squares), steady)  # a drift may be larger than found
+    assert [each.id for each in again] == [name for name in names if name == "base_drift"]
+
+
+@pytest.mark.parametrize(("hours", "plausible_m_h"), [(0.1, 1e-3), (10.0, 3e-5)])
+def test_a_steady_drift_of_a_short_campaign_may_be_as_large_as_a_slow_one(hours, plausible_m_h):
+    drift = BaseDrift.over(np.array([5.0, 5.0 + 3600.0 * hours]))
+    assert [each.plausible for each in drift.parameters] == pytest.approx(3 * [plausible_m_h])
+    assert (drift.plausible_m_h is None) == (hours > 5.0)
 
 
 # Readings of single targets that wander, each by itself.

@@ -45,7 +45,9 @@ def computable_shapes(survey: Survey) -> tuple[tuple[ShapedEffect, ...], tuple[U
     Each computable effect at each of its shapes; maps are not among them.
     """
     effects = (*survey.begins_with, *sought(survey.context, survey.baseline.model.terms))
+    # What the survey begins with is first, and in its own form.
     by_name = {(effect.id, effect.of): effect for effect in effects}
+    by_name |= {(effect.id, effect.of): effect for effect in survey.begins_with}
     known, refused = computable(
         (effect for effect in by_name.values() if not is_error_map(effect)),
         survey.poses.states,

@@ -127,8 +127,7 @@ def slow_drift(
     """
     if not _may_show_drift(survey):
         return ()
-    time_s = survey.poses.states.time_s
-    drift = BaseDrift("base", float(time_s.min()), float(time_s.max()), BLOCKS.drift_waves)
+    drift = _drift_with_waves(survey)
     without, with_drift = check.squares(), check.squares([drift])
     if not check.gains_a_share(without, with_drift):
         return ()
@@ -138,6 +137,37 @@ def slow_drift(
         if as_good(check.squares([each]).total, with_drift.total)
     )
     return (Judged(drift, proof_of(without, with_drift), others),)
+
+
+def steady_courses(
+    survey: Survey, check: InterleavedCheck, found: Sequence[Effect]
+) -> tuple[Effect, ...]:
+    """Return effects in proportion to time or temperature that predict no worse than a slow drift.
+
+    The best first, each helping beyond the drift that was found; none where growth or warming up
+    was. A stretch of time that is left out may be the one in which the temperature rose: poses
+    outside it do not tell how much the arm grew.
+    """
+    of_time = [each for each in found if each.depends_on and each.id != BaseDrift.id]
+    if not _may_show_drift(survey) or of_time:
+        return ()
+    without, with_drift = check.squares(), check.squares([_drift_with_waves(survey)])
+    growth = [each for each in _rivals_in_time(survey, found) if each.varies_with == "temperature"]
+    steady = (BaseDrift.over(survey.poses.states.time_s), *growth)
+    squares = {each: check.squares([each]) for each in steady}
+    best_first = sorted(squares, key=lambda each: float(squares[each].total.sum()))
+    most = float(with_drift.total.sum())
+    return tuple(
+        each
+        for each in best_first
+        if squares[each].total.sum() <= most and check.gains_a_share(without, squares[each])
+    )
+
+
+def _drift_with_waves(survey: Survey) -> BaseDrift:
+    """Return a drift of the base with waves of time, over the poses of a survey."""
+    time_s = survey.poses.states.time_s
+    return BaseDrift("base", float(time_s.min()), float(time_s.max()), BLOCKS.drift_waves)
 
 
 def _may_show_drift(survey: Survey) -> bool:

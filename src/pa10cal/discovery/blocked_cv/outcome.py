@@ -30,6 +30,7 @@ from pa10cal.discovery.blocked_cv.interleaved_check import (
     arrivals,
     by_arrival,
     slow_drift,
+    steady_courses,
 )
 from pa10cal.discovery.blocked_cv.judge import Judged, gains_of_others, judged_members
 from pa10cal.discovery.blocked_cv.linear_fit import LinearFit, linear_fit, refine_maps
@@ -200,7 +201,8 @@ def search_with_motion(survey: Survey) -> SearchWithMotion:
 
     For the latter not where readings of single targets wander as much, each by itself.
     """
-    found = _with_motion_shown(_with_warm_ups(_with_lines_and_wobbles(survey)))
+    searched = _with_warm_ups(_with_lines_and_wobbles(survey))
+    found = _with_steady_course(searched, _with_motion_shown(searched))
     outcome, of_targets = found.outcome, found.in_time.of_targets
     survey, at = outcome.survey, outcome.extended.at
     if of_targets is None and survey.wander is None:
@@ -234,6 +236,26 @@ def _with_motion_shown(found: SearchOutcome) -> SearchWithMotion:
         return SearchWithMotion(found, in_time, {})
     rivals = rivals_of_steps(in_time.wander, still, poses, whiteners)
     return SearchWithMotion(search_survey(survey.moving(in_time.wander)), in_time, rivals)
+
+
+def _with_steady_course(searched: SearchOutcome, found: SearchWithMotion) -> SearchWithMotion:
+    """Search again with a steady drift or with growth, where that leaves no other motion in time.
+
+    Not where something changed or moved at once. A walk takes up what is steady as well, with far
+    more parameters, and stretches of time that are left out may hide it.
+    """
+    moved, of_targets = found.outcome.survey, found.in_time.of_targets
+    at_once = moved.change is not None or (moved.wander is not None and moved.wander.jumps)
+    if at_once or of_targets is not None:
+        return found
+    survey, fitted = searched.rows.survey, searched.extended
+    for effect in steady_courses(searched.survey, searched.interleaved_check, fitted.effects):
+        ahead = search_survey(survey.settling((effect,)))
+        if effect in ahead.extended.effects:
+            with_effect = _with_motion_shown(ahead)
+            if with_effect.outcome is ahead:
+                return with_effect
+    return found
 
 
 def _weights_with_joints(survey: Survey, fitted: Refit) -> PoseWeights:

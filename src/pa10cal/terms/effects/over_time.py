@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any, Self
 
@@ -15,9 +15,11 @@ from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.terms.effects.effect import CandidateContext, Effect, Limits, time_in
 from pa10cal.terms.effects.structure import LONG_LINKS
-from pa10cal.terms.term import TermParameter
+from pa10cal.terms.term import OPTIONAL, TermParameter
 
 _SECONDS_AN_HOUR = 3600.0
+#: Expected rate of a base that drifts steadily [m/h].
+_RATE_M_H = 3e-5
 #: Expected amplitude of the slowest wave of a drifting base [m]; that of wave k is 1/k of it, as of
 #: a random walk.
 _WAVE_M = 1e-4
@@ -34,6 +36,8 @@ class BaseDrift(Effect):
     start_s: float  # time of the first reading
     end_s: float | None = None  # time of the last one; None for a constant rate, not held
     waves: int = 0  # cosines along each axis, wave k of k/2 cycles; 0 for a constant rate
+    # expected rate [m/h], where it is not the usual one
+    plausible_m_h: float | None = field(default=None, metadata={OPTIONAL: True})
     id = "base_drift"
     varies_with = "time"
     depends_on = "time_s"
@@ -55,9 +59,17 @@ class BaseDrift(Effect):
     def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...]:
         return (context.time_span_s[0],)
 
+    @classmethod
+    def over(cls, time_s: Array) -> Self:
+        """Return a steady drift over times that is expected to be as large as one with waves."""
+        start_s, hours = float(time_s.min()), float(np.ptp(time_s)) / _SECONDS_AN_HOUR
+        rate_m_h = _WAVE_M / hours
+        return cls("base", start_s, plausible_m_h=rate_m_h if rate_m_h > _RATE_M_H else None)
+
     @property
     def reported(self) -> tuple[TermParameter, ...]:
-        rates = [TermParameter(f"rate_{axis}", "m/h", 1e-6, plausible=3e-5) for axis in "xyz"]
+        usual = self.plausible_m_h or _RATE_M_H
+        rates = [TermParameter(f"rate_{axis}", "m/h", 1e-6, plausible=usual) for axis in "xyz"]
         waves = [
             TermParameter(f"wave_{k}_{axis}", "m", 1e-6, plausible=_WAVE_M / k)
             for k in range(1, self.waves + 1)
