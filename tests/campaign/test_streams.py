@@ -13,6 +13,7 @@ from made_up_formats import TAKES
 from made_up_sightings import is_read
 from made_up_streams import streams
 from pa10cal.campaign.read import read_campaign
+from pa10cal.campaign.streams import clock_by_edges, reading_dwells
 from pa10cal.errors import Pa10calError
 
 #: Pairs of rates drawn, and those of the quick suite.
@@ -248,3 +249,42 @@ def test_a_stand_is_used_when_the_first_of_two_targets_is_hidden_there(written):
     text, folder = written(logs)
     assert "in 21 of 21 steady phases" in text
     assert len(read_campaign(folder).observations) == 21
+
+
+def test_stands_that_are_too_short_for_the_readings_are_told(written):
+    """What is left of them is read; that most are lost is a warning, not only a number."""
+    logs = streams(16, 50.0, 4.0, poses=60, stands_s=(0.3, 0.9))
+    _, folder = written(logs)
+    found = read_campaign(folder)
+    assert len(found.observations) < 0.8 * len(logs.q_rad)
+    (told,) = [text for text in found.warnings if "at which the arm stood are lost" in text]
+    assert "readings are 0.25 s apart" in told
+    assert is_read_where_it_is(found, logs)
+
+
+def is_read_where_it_is(found, logs):
+    """Return whether all that is read belongs to the pose that it is read at."""
+    q_rad = found.observations.states.q_rad
+    k = np.abs(q_rad[:, None] - logs.q_rad).max(axis=2).argmin(axis=1)
+    known = np.abs(q_rad - logs.q_rad[k]).max(axis=1) < 1e-4  # not where it stood before the first
+    off_m = found.observations.measured.places_m[:, 0] - logs.T_instr_target[k, :3, 3]
+    return bool(np.linalg.norm(off_m[known], axis=1).max() < 3e-4)
+
+
+def test_a_clock_by_edges_is_as_uncertain_as_sampling_at_one_rate():
+    """Both logs are sampled at the same instants of a quarter of a second, but for a shift."""
+    begin_s = np.cumsum(np.full(30, 3.5))
+    instants_s = np.arange(0.0, 110.0, 0.25)
+
+    def dwells(shift_s):
+        at_s = instants_s + shift_s
+        part = np.clip(at_s[:, None] - begin_s, 0.0, 1.0)  # of each move of a second
+        place_mm = 50.0 * part.sum(axis=1, keepdims=True)
+        return reading_dwells(instants_s, np.repeat(place_mm, 3, axis=1))
+
+    for shift_s in (0.05, 0.11, 0.2):
+        of_readings, of_arm = dwells(shift_s), dwells(0.0)
+        station = np.arange(len(of_readings))
+        assert len(of_readings) == len(of_arm)
+        offset_s, u_s = clock_by_edges(of_readings, of_arm, station, (0.25, 0.25))
+        assert abs(offset_s - shift_s) < 2.0 * u_s < 0.3

@@ -43,6 +43,7 @@ class RawRows:
     non_numeric: dict[str, dict[int, str]] = field(default_factory=dict)
     own: ColumnMap = CONTRACT_COLUMNS  # the file's own columns
     notes: tuple[str, ...] = ()  # what the user should know, one clause each
+    warnings: tuple[str, ...] = ()  # what the user should correct first, one sentence each
 
     def __len__(self) -> int:
         return len(self.line)

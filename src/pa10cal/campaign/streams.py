@@ -40,6 +40,8 @@ STRAY = 4.0
 LEAST_MOTIONS, SURE = 6, 3.0
 #: Regressions, each without the outliers of the one before.
 REGRESSIONS = 5
+#: Edges that scatter by less than this part of what sampling gives were sampled at one rate.
+LOCKED = 0.5
 #: Least standard uncertainty of an offset [s].
 LEAST_U_S = 1e-4
 
@@ -163,23 +165,32 @@ def averaged(read: RawRows, group: Index) -> RawRows:
     return replace(read, columns=columns, line=read.line[rows][first], non_numeric={})
 
 
-def clock_by_edges(dwells: Stations, stations: Stations, station: Index) -> tuple[float, float]:
+def clock_by_edges(
+    dwells: Stations, stations: Stations, station: Index, sampled_s: tuple[float, float]
+) -> tuple[float, float]:
     """Return the clock offset by the edges of dwells, and its standard uncertainty.
 
     A target is found to start later, and to stop earlier, than the joints. The two edges err by the
-    same time in opposite directions, so their median offsets are averaged.
+    same time in opposite directions, so their median offsets are averaged. Edges are found to an
+    interval of sampling. Logs sampled at one rate err by the same part of it at all edges: these
+    scatter less than that, and their mean is no better than one.
 
     Args:
         dwells: R dwells of the readings.
         stations: stations of the joints.
         station: (R,) station of each dwell, -1 for none.
+        sampled_s: the interval of the readings, and that of the joints' log.
     """
     both = np.flatnonzero(station >= 0)
     start_s = stations.start_s[station[both]] - dwells.start_s[both]
     end_s = stations.end_s[station[both]] - dwells.end_s[both]
     median_start_s, median_end_s = float(np.median(start_s)), float(np.median(end_s))
     off = np.concatenate([start_s - median_start_s, end_s - median_end_s])
-    u_s = MEDIAN_TO_SIGMA * float(np.median(np.abs(off))) / np.sqrt(max(len(off), 1))
+    scatter_s = MEDIAN_TO_SIGMA * float(np.median(np.abs(off)))
+    u_s = scatter_s / np.sqrt(max(len(off), 1))
+    of_sampling_s = float(np.hypot(*sampled_s)) / np.sqrt(12.0)
+    if scatter_s < LOCKED * of_sampling_s:
+        u_s = max(u_s, of_sampling_s)
     half_difference_s = 0.25 * abs(median_start_s - median_end_s)
     return 0.5 * (median_start_s + median_end_s), max(u_s, half_difference_s, LEAST_U_S)
 

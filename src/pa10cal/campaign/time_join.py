@@ -57,6 +57,8 @@ NEARLY, CANDIDATES = 0.85, 12
 MANY_MORE = 1.3
 #: Dwells that are found to last less are no poses [s].
 SHORT_S = 0.4
+#: A part of the stations that is lost is told beyond this.
+LOST = 0.2
 #: Stations at which joints and target both were at rest, at least.
 LEAST_VISITS = 3
 
@@ -69,6 +71,7 @@ class JoinedReadings:
     station: Index  # (N,) station of each; -1 where it was taken at none
     stations: Stations  # where the arm stood
     note: str  # what joins the two logs
+    warnings: tuple[str, ...] = ()  # what the user should correct first, one sentence each
 
 
 @dataclass(frozen=True)
@@ -162,6 +165,12 @@ class _Stream:
         )
 
     @property
+    def sampled_s(self) -> tuple[float, float]:
+        """Return the median interval of the readings, and that of the joints' log."""
+        readings_s, joints_s = self.time_s, self.samples.time_s
+        return float(np.median(np.diff(readings_s))), float(np.median(np.diff(joints_s)))
+
+    @property
     def rows(self) -> int:
         """Return the number of rows, those without the target in sight included."""
         return len(self.read) + self.unseen
@@ -246,7 +255,28 @@ class TimeJoin:
             f"{visit_count} of {len(at_rest.arm)} steady phases and are averaged there, "
             f"{stream.rows - used} are set aside, taken in motion{unseen}"
         )
-        return JoinedReadings(averaged(stream.read, group), visited[enough], at_rest.arm, note)
+        warnings = self._lost(stream, clock, at_rest.arm, visited[enough])
+        readings = averaged(stream.read, group)
+        return JoinedReadings(readings, visited[enough], at_rest.arm, note, warnings)
+
+    def _lost(
+        self, stream: _Stream, clock: Clock, stations: Stations, used: Index
+    ) -> tuple[str, ...]:
+        """Return a warning where many stations between the first and the last reading are lost."""
+        first_s, last_s = clock.joints_s(stream.time_s[[0, -1]])
+        read = (stations.start_s < last_s) & (stations.end_s > first_s)
+        read_count, lost = int(read.sum()), np.flatnonzero(read)
+        lost = lost[~np.isin(lost, used)]
+        if len(lost) <= LOST * read_count:
+            return ()
+        stand_s = float(np.median(stations.end_s[lost] - stations.start_s[lost]))
+        return (
+            f"{len(lost)} of the {read_count} times at which the arm stood are lost: "
+            f"fewer than {least_readings(stream.time_s)} readings of a target at rest lie there; "
+            f"those stands last {stand_s:.1f} s, and readings are {stream.sampled_s[0]:.2g} s "
+            "apart: let the arm stand longer, and check that the target is in sight and that "
+            "neither clock was set in between",
+        )
 
     def _target_rests(self, stream: _Stream, at_rest: _AtRest) -> Mask:
         """Return whether a target rests at each reading (N,); of several any that is seen there."""
@@ -320,7 +350,7 @@ class TimeJoin:
         if self.stated_offset_s is not None:
             return clock
         if _of_motion(stream.samples, at_rest):
-            offset_s, u_s = clock_by_edges(dwells, stations, station)
+            offset_s, u_s = clock_by_edges(dwells, stations, station, stream.sampled_s)
             clock = self._by_motion(stream, at_rest, offset_s) or replace(
                 clock, offset_s=offset_s, u_s=u_s
             )

@@ -114,6 +114,7 @@ def read_tracked(
     torques = notes_on_torques(readings.states, arm, gravity=any(description.gravity_m_s2))
     notes += [*torques, *_notes_on_temperatures(readings.states), *averaged.notes]
     warnings = [
+        *raw.warnings,
         *screens.count_warnings(description.configurations, logged_count, raw.file),
         *screen.warnings,
         *corrected.warnings,

@@ -223,6 +223,7 @@ class TwoLogs:
             quarantined=(*rows.quarantined, *logged.quarantined),
             own=logged.own | rows.own,
             notes=(joined.note, *rows.notes, *logged.notes),
+            warnings=joined.warnings,
         )
         return whole.take(joined.station >= 0, NOT_JOINED[self._by])
 
