@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from made_up_formats import TAKES
 from made_up_sightings import is_read
 from made_up_streams import streams
 from pa10cal.campaign.read import read_campaign
+from pa10cal.campaign.sampling import goes_on, is_of_motion
 from pa10cal.campaign.streams import clock_by_edges, reading_dwells
 from pa10cal.errors import Pa10calError
 
@@ -288,3 +290,28 @@ def test_a_clock_by_edges_is_as_uncertain_as_sampling_at_one_rate():
         assert len(of_readings) == len(of_arm)
         offset_s, u_s = clock_by_edges(of_readings, of_arm, station, (0.25, 0.25))
         assert abs(offset_s - shift_s) < 2.0 * u_s < 0.3
+
+
+def test_a_list_at_regular_times_is_no_stream():
+    """A programme takes as long for every reading; each second pose is read twice."""
+    rng = np.random.default_rng(3)
+    q_deg = rng.uniform(-60.0, 60.0, (100, 6))
+    rows = np.sort(np.concatenate([np.arange(100), np.arange(0, 100, 2)]))
+    listed = q_deg[rows] + rng.normal(0.0, 1e-3, (len(rows), 6))
+    time_s = 4.0 * np.arange(len(rows))
+    assert not is_of_motion(time_s, listed)
+    assert not goes_on(time_s, listed)
+    on_the_way = np.repeat(np.linspace(0.0, 1.0, 4)[1:], 6).reshape(3, 6)
+    moved = [q + on_the_way * (after - q) for q, after in pairwise(q_deg)]
+    of_motion = np.vstack([np.vstack([way, way[-1:], way[-1:]]) for way in moved])
+    assert goes_on(0.5 * np.arange(len(of_motion)), of_motion)
+
+
+def test_a_stream_with_one_reading_a_stand_is_refused_for_that(written):
+    """Neither units nor runs are wrong: the arm stands too briefly for these readings."""
+    text, folder = written(streams(17, 50.0, 0.5, poses=80, stands_s=(1.0, 2.0)))
+    assert "it is refused" in text
+    with pytest.raises(Pa10calError, match="go on while the arm moves") as refused:
+        read_campaign(folder)
+    assert "stand longer" in refused.value.remedy
+    assert "readings 2 s apart" in str(refused.value)

@@ -20,8 +20,9 @@ from pa10cal.errors import RawDataError
 STREAM_S, STREAM_ROWS = 0.25, 100
 #: Rows at rest scatter by less than this part of the larger steps, those of this quantile.
 _REST_PART, _LARGER = 0.05, 0.95
-#: Part of the steps that are at rest, at least; median number of steps of a move, at least.
-_AT_REST, _STEPS_OF_MOVE = 0.3, 2
+#: Part of the steps that are at rest, at least; steps of one move have about the same direction,
+#: by the cosine of the angle between neighbours (their median).
+_AT_REST, _SAME_WAY = 0.1, 0.5
 #: Part of the intervals that are no longer than this many median ones, where rows are regular.
 _REGULAR, _LONGEST = 0.8, 1.5
 #: Part of the groups of readings between pauses in which the target rests, where they are bursts.
@@ -37,6 +38,7 @@ class _Steps(NamedTuple):
     """The N - 1 steps between N rows in order of time."""
 
     interval_s: Array
+    way: Array  # (N - 1, m)
     rest: Mask  # that move no further than the scatter; all False where there is no such
 
 
@@ -56,16 +58,22 @@ def goes_on(time_s: Array, p_mm: Array) -> bool:
     steps = _steps_of(time_s, p_mm)
     if np.median(np.diff(known_s)) <= STREAM_S:
         return not _in_bursts(steps)
-    return is_of_motion(time_s, p_mm) and _regular(np.diff(known_s))
+    return is_of_motion(time_s, p_mm) and is_regular(known_s)
 
 
 def is_of_motion(time_s: Array, values: Array) -> bool:
-    """Return whether rows (N, m) show something at rest and, for several rows, on its way."""
-    rest = _steps_of(time_s, values).rest
-    if rest.mean() < _AT_REST if len(rest) else True:
+    """Return whether rows (N, m) show something at rest and, for several rows, on its way.
+
+    From one row of a list to the next but one the arm goes back as often as on.
+    """
+    steps = _steps_of(time_s, values)
+    if not len(steps.rest) or steps.rest.mean() < _AT_REST:
         return False
-    ends = np.flatnonzero(np.diff(np.concatenate([[True], rest, [True]]).astype(int)))
-    return bool(len(ends) and np.median(ends[1::2] - ends[::2]) >= _STEPS_OF_MOVE)
+    both = np.flatnonzero(~steps.rest[:-1] & ~steps.rest[1:])
+    before, after = steps.way[both], steps.way[both + 1]
+    lengths = np.linalg.norm(before, axis=1) * np.linalg.norm(after, axis=1)
+    cosine = np.sum(before * after, axis=1) / lengths
+    return bool(len(both) and np.median(cosine) > _SAME_WAY)
 
 
 def refuse_creeping(path: Path, key: str, time_s: Array, values: Array, slowest: Array) -> None:
@@ -129,16 +137,19 @@ def _steps_of(time_s: Array, values: Array) -> _Steps:
     """Return the steps between rows with a time and all values."""
     known = np.flatnonzero(np.isfinite(time_s) & np.isfinite(values).all(axis=1))
     known = known[np.argsort(time_s[known], kind="stable")]
-    travel = np.abs(np.diff(values[known], axis=0)).max(axis=1, initial=0.0)
+    way = np.diff(values[known], axis=0)
+    travel = np.abs(way).max(axis=1, initial=0.0)
     rest = np.zeros(len(travel), dtype=bool)
     if len(travel):
         scatter = scatter_at_rest(travel)
         if scatter < _REST_PART * np.quantile(travel, _LARGER):
             rest = travel <= scatter
-    return _Steps(np.diff(time_s[known]), rest)
+    return _Steps(np.diff(time_s[known]), way, rest)
 
 
-def _regular(interval_s: Array) -> bool:
+def is_regular(time_s: Array) -> bool:
+    """Return whether most intervals between times (N,), in order, are no longer than usual."""
+    interval_s = np.diff(time_s)
     return bool(np.mean(interval_s <= _LONGEST * np.median(interval_s)) >= _REGULAR)
 
 

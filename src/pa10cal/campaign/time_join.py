@@ -33,6 +33,8 @@ from pa10cal.campaign.sampling import (
     SLOWEST_SLIDE,
     SLOWEST_TARGET_MM_S,
     goes_on,
+    is_of_motion,
+    is_regular,
     refuse_creeping,
     refuse_unlike_durations,
 )
@@ -227,6 +229,9 @@ class TimeJoin:
         station = stations.at(time_s + offset_s)
         inside = int((station >= 0).sum())
         if 2 * inside <= count:
+            known_s = np.sort(time_s[np.isfinite(time_s)])
+            if is_regular(known_s) and is_of_motion(self.samples.time_s, self.samples.q_deg):
+                raise self._too_slow(stations, known_s)
             raise self._apart(inside, stations, time_s, at_stations)
         plus_minus = "" if self.stated_offset_s is not None else f" ± {2.0 * u_s:.2g} s"
         note = (
@@ -273,8 +278,8 @@ class TimeJoin:
         return (
             f"{len(lost)} of the {read_count} times at which the arm stood are lost: "
             f"fewer than {least_readings(stream.time_s)} readings of a target at rest lie there; "
-            f"those stands last {stand_s:.1f} s, and readings are {stream.sampled_s[0]:.2g} s "
-            "apart: let the arm stand longer, and check that the target is in sight and that "
+            f"the arm stands for {stand_s:.1f} s there, and readings are "
+            f"{stream.sampled_s[0]:.2g} s apart: let the arm stand longer, and check that the target is in sight and that "
             "neither clock was set in between",
         )
 
@@ -377,6 +382,20 @@ class TimeJoin:
             f"{len(at_rest.target)} of the target, {both} of them at one time"
         )
         return _no_dwell(self.readings, stream.rows, what)
+
+    def _too_slow(self, stations: Stations, time_s: Array) -> RawDataError:
+        """Return the refusal of readings at regular times of which few lie where the arm stood."""
+        apart_s = float(np.median(np.diff(time_s)))
+        lasts_s = float(np.median(stations.end_s - stations.start_s))
+        return RawDataError(
+            "the readings seem to go on while the arm moves, with too few where it stands",
+            where=str(self.readings),
+            value=f"readings {apart_s:.2g} s apart, and stands of {lasts_s:.2g} s",
+            allowed="two readings and more at each stand, or one that is taken while the arm "
+            "stands still",
+            remedy="let the arm stand longer, or read more often; check that both logs are of the "
+            "same run, and the units of their times",
+        )
 
     def _apart(
         self,
