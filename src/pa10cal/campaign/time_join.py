@@ -279,8 +279,8 @@ class TimeJoin:
             f"{len(lost)} of the {read_count} times at which the arm stood are lost: "
             f"fewer than {least_readings(stream.time_s)} readings of a target at rest lie there; "
             f"the arm stands for {stand_s:.1f} s there, and readings are "
-            f"{stream.sampled_s[0]:.2g} s apart: let the arm stand longer, and check that the target is in sight and that "
-            "neither clock was set in between",
+            f"{stream.sampled_s[0]:.2g} s apart: let the arm stand longer, and check that the "
+            "target is in sight and that neither clock was set in between",
         )
 
     def _target_rests(self, stream: _Stream, at_rest: _AtRest) -> Mask:
