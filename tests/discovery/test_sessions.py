@@ -7,7 +7,7 @@ import pytest
 
 from made_up_survey import observe
 from pa10cal.discovery import jacobians
-from pa10cal.discovery.sessions import of_sessions, two_sessions
+from pa10cal.discovery.sessions import _Steps, is_moved_in_order, moved_in_order
 
 POSES, FIRST = 120, 50  # poses, of which so many are of the first session
 
@@ -36,15 +36,15 @@ def of_two_sessions(poses, size_m=2e-4):
 
 def test_rows_without_times_are_found_to_be_of_two_sessions(given):
     at, poses = given.baseline, untimed(given.readings)
-    assert two_sessions(at, poses) is None
+    assert moved_in_order(at, poses) is None
     both = of_two_sessions(poses)
-    found = two_sessions(at, both)
+    found = moved_in_order(at, both)
     first = both.pose[np.argsort(both.states.time_s, kind="stable")[FIRST]]
     assert found.of == f"the rows from pose {first} on"
     assert "two sessions? join them as a group" in found.why
-    assert of_sessions(found)
+    assert is_moved_in_order(found)
     # Where times were recorded a motion is sought in time.
-    assert two_sessions(at, of_two_sessions(given.readings)) is None
+    assert moved_in_order(at, of_two_sessions(given.readings)) is None
 
 
 def test_an_error_of_a_joint_is_no_session_where_rows_follow_it(given):
@@ -53,6 +53,50 @@ def test_an_error_of_a_joint_is_no_session_where_rows_follow_it(given):
     by_joint = jacobians.by_joints(at, poses, [2])[:, :3, 0]
     off_m = by_joint * np.where(q_rad > np.quantile(q_rad, 0.4), 3e-4, -3e-4)[:, None]
     follows = poses.with_states(replace(poses.states, time_s=np.argsort(np.argsort(q_rad)) * 1.0))
-    assert two_sessions(at, moved(follows, off_m)) is None
+    assert moved_in_order(at, moved(follows, off_m)) is None
     # Nor where they do not.
-    assert two_sessions(at, moved(poses, off_m)) is None
+    assert moved_in_order(at, moved(poses, off_m)) is None
+
+
+def test_a_base_that_moves_slowly_is_not_two_sessions(given):
+    at, poses = given.baseline, untimed(given.readings)
+    in_time = np.argsort(np.argsort(poses.states.time_s, kind="stable"))
+    found = moved_in_order(at, moved(poses, 4e-4 * (in_time / POSES)[:, None] * [1.0, -0.5, 0.3]))
+    assert found.of == "the order of the rows"
+    assert "give the time of each reading" in found.why
+    assert is_moved_in_order(found)
+
+
+def test_steps_gain_what_dense_columns_of_moved_poses_explain():
+    rng = np.random.default_rng(5)
+    by_base, data = rng.normal(size=(40, 3, 6)), rng.normal(size=120)
+    own, order = np.linalg.qr(rng.normal(size=(120, 4)))[0], rng.permutation(40)
+    rest = data - own @ (own.T @ data)
+    steps = _Steps(
+        gram=np.einsum("pbi,pbj->pij", by_base, by_base),
+        across=np.einsum("pbk,pbi->pki", own.reshape(40, 3, 4), by_base),
+        projection=np.einsum("pbi,pb->pi", by_base, rest.reshape(40, 3)),
+        squares=float(rest @ rest),
+        readings=120,
+    )
+
+    def from_row(first):
+        columns = np.zeros_like(by_base)
+        columns[order[first:]] = by_base[order[first:]]
+        return columns.reshape(120, 6)
+
+    def left(*columns):
+        all_of = np.concatenate([own, *columns], axis=1)
+        return float(np.sum((data - all_of @ np.linalg.lstsq(all_of, data)[0]) ** 2))
+
+    def gain(before, after):
+        return 60.0 * np.log(before / after) - 3.5 * np.log(120)
+
+    first = steps.best(order)
+    alone = gain(left(), left(from_row(first.first)))
+    assert first.gain == pytest.approx(alone, rel=1e-9)
+    every = [gain(left(), left(from_row(k))) for k in range(10, 31)]
+    assert first.gain == pytest.approx(max(every), rel=1e-9)
+    second = steps.beside(order[first.first :]).best(order)
+    both = gain(left(from_row(first.first)), left(from_row(first.first), from_row(second.first)))
+    assert second.gain == pytest.approx(both, rel=1e-9)

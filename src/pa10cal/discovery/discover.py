@@ -34,7 +34,7 @@ from pa10cal.discovery.preparation import MeasurementSetup, Prepared, complete, 
 from pa10cal.discovery.proposals import with_lines_named, with_proposals
 from pa10cal.discovery.refitted_verdict import without_names
 from pa10cal.discovery.rules import JUDGING, NOISE
-from pa10cal.discovery.sessions import of_sessions, two_sessions
+from pa10cal.discovery.sessions import is_moved_in_order, moved_in_order
 from pa10cal.discovery.torque_faults import stated_wrongly, with_friction_of_log
 from pa10cal.discovery.verdict import (
     Basis,
@@ -167,7 +167,7 @@ def with_predicted(found: Verdict) -> Verdict:
     """
     if found.verdict in ("not_sought", "check_the_log"):
         return found
-    if found.train.without_motion is not None or any(map(of_sessions, found.unexplained)):
+    if found.train.without_motion is not None or any(map(is_moved_in_order, found.unexplained)):
         return found
     by_names = found.baseline if found.holds_nowhere else found.extended.fitted()
     fit = field_of(by_names, found.train.poses, _nameless(found, by_names))
@@ -211,8 +211,8 @@ def _judged(campaign: Prepared, model: FittedModel) -> Verdict:
     """Return the verdict of the scorer that suits a campaign, before its gates.
 
     A loose target, or a noisy campaign of a group, stands for what is unexplained at no place; a
-    target that was knocked for all that is: its step looks like errors of other places. So do two
-    sessions in one file without times.
+    target that was knocked for all that is: its step looks like errors of other places. So does a
+    motion in the order of rows without times.
     """
     found = _by_scorer(campaign, model)
     # A target that slipped once has other distances from then on. Blocks tell it from the base.
@@ -221,20 +221,20 @@ def _judged(campaign: Prepared, model: FittedModel) -> Verdict:
     if not told and (knocked := knocked_targets(campaign.trusted)):
         return replace(found, unexplained=knocked)
     if slipped or not (loose := loose_targets(campaign.trusted)):
-        return _of_sessions(_of_noisy_campaign(found))
+        return _of_order(_of_noisy_campaign(found))
     placed = tuple(each for each in found.unexplained if each.of is not None)
     return replace(found, unexplained=(*loose, *placed))
 
 
-def _of_sessions(found: Verdict) -> Verdict:
-    """Return the verdict, what is unexplained being that rows are of two sessions, where they are.
+def _of_order(found: Verdict) -> Verdict:
+    """Return the verdict, what is unexplained being a motion in the order of the rows, if it is.
 
     What names and formulas those rows suggest together is not told.
     """
     if not found.unexplained or found.verdict == "check_the_log":
         return found
-    sessions = two_sessions(found.extended.fitted(), found.train.poses)
-    return found if sessions is None else replace(found, unexplained=(sessions,), nameless=())
+    moved = moved_in_order(found.extended.fitted(), found.train.poses)
+    return found if moved is None else replace(found, unexplained=(moved,), nameless=())
 
 
 def _of_noisy_campaign(found: Verdict) -> Verdict:

@@ -1,15 +1,16 @@
-"""Whether rows without times are of two sessions: of another place of base or instrument each.
+"""Whether base or instrument moved in the course of rows without times, as between two sessions.
 
 Rows give an order also where times were not recorded, in which nothing is sought in time. Two
 sessions that were put one after the other differ by a motion of the base between two rows. To the
 search this may look like an error of a joint that moved over another range in either. So where an
 error is left that has no name, a step of the base between two rows is compared with the same steps
-in the order of each joint's angles, which errors of that joint would make as likely.
+in the order of each joint's angles, which errors of that joint would make as likely. A base that
+moves slowly shows as one step beside another.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,9 +22,10 @@ from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.time_order import like_a_scan
 from pa10cal.results.discovery import Unexplained
+from pa10cal.terms.effects.joint_error_map import is_error_map
 
-#: Begins the place of what two sessions leave unexplained.
-_FROM = "the rows from pose"
+#: The place of what is left unexplained: begins with it for two sessions, is it for more motion.
+_FROM, _ORDER = "the rows from pose", "the order of the rows"
 
 
 @dataclass(frozen=True)
@@ -34,10 +36,11 @@ class _Step:
     gain: float  # of log evidence [nat]
 
 
-def two_sessions(at: FittedModel, poses: Observations) -> Unexplained | None:
-    """Return that rows from a pose on disagree with those before; None where they do not.
+def moved_in_order(at: FittedModel, poses: Observations) -> Unexplained | None:
+    """Return that rows disagree with those before a pose, as if the base had moved; None if not.
 
-    Nor where times were recorded, in a group, or where most joints move slowly from row to row.
+    Where a second motion shows beside the first one, the base moved slowly, or several times. None
+    where times were recorded, in a group, or where most joints move slowly from row to row.
 
     Args:
         at: the model with the effects found.
@@ -46,35 +49,55 @@ def two_sessions(at: FittedModel, poses: Observations) -> Unexplained | None:
     states = poses.states
     if states.tells_time or states.campaign is not None or like_a_scan(poses):
         return None
-    steps = _Steps.of(at, poses)
     in_order = np.argsort(states.time_s, kind="stable")
-    by_rows = steps.best(in_order)
-    joints = (np.argsort(angles, kind="stable") for angles in states.q_rad.T)
-    by_joints = max(steps.best(order).gain for order in joints)
-    if by_rows.gain < SESSIONS.least_nats + max(by_joints, 0.0):
+    joints = [np.argsort(angles, kind="stable") for angles in states.q_rad.T]
+
+    def shown(steps: _Steps) -> _Step | None:
+        """Return the best step in the order of the rows, if it gains more than any of a joint's."""
+        best, by_joints = steps.best(in_order), max(steps.best(order).gain for order in joints)
+        return best if best.gain >= SESSIONS.least_nats + max(by_joints, 0.0) else None
+
+    steps = _Steps.of(at, poses)
+    step = shown(steps)
+    if step is None:
         return None
-    pose = poses.pose[in_order[by_rows.first]]
-    return Unexplained(
-        of=f"{_FROM} {pose} on",
-        form=None,
-        shared_error_mm=None,
-        why="these disagree with the rows before, as if the base or the instrument had stood "
-        "elsewhere; two sessions? join them as a group, each a campaign of its own",
+    first = poses.pose[in_order[step.first]]
+    again = shown(steps.beside(in_order[step.first :]))
+    if again is None:
+        return _unexplained(
+            f"{_FROM} {first} on",
+            "these disagree with the rows before, as if the base or the instrument had stood "
+            "elsewhere; two sessions? join them as a group, each a campaign of its own",
+        )
+    return _unexplained(
+        _ORDER,
+        "the base or the instrument moved in the course of the rows, among others from pose "
+        f"{first} and from pose {poses.pose[in_order[again.first]]} on; give the time of each "
+        "reading, and its motion is sought; of several sessions make a group",
     )
 
 
-def of_sessions(part: Unexplained) -> bool:
-    """Return whether an unexplained part is that rows are of two sessions."""
-    return part.of is not None and part.of.startswith(_FROM)
+def _unexplained(of: str, why: str) -> Unexplained:
+    return Unexplained(of=of, form=None, shared_error_mm=None, why=why)
+
+
+def is_moved_in_order(part: Unexplained) -> bool:
+    """Return whether an unexplained part is that the base moved in the order of the rows."""
+    return part.of is not None and part.of.startswith((_FROM, _ORDER))
 
 
 @dataclass(frozen=True, eq=False)
 class _Steps:
-    """Steps of the base beside all that a model has, about what it leaves."""
+    """Steps of the base beside what a model fits, maps as they are, about what it leaves.
 
-    by_base: Array  # (P, b, 6) whitened derivative by small motions of the base
-    span: Array  # (P, b, k) orthonormal columns of the model's own unknowns
-    left: Array  # (P, b) whitened residual, without these
+    Sums over poses, so that those over the poses after each row come one from the other.
+    """
+
+    gram: Array  # (P, 6, 6) products of the whitened columns of the base's motions
+    across: Array  # (P, k, 6) their products with orthonormal columns of the model's own unknowns
+    projection: Array  # (P, 6) their products with the residual that these leave
+    squares: float  # of that residual
+    readings: int  # components in it
 
     @classmethod
     def of(cls, at: FittedModel, poses: Observations) -> _Steps:
@@ -82,40 +105,68 @@ class _Steps:
         compared = at.compared(poses)
         root = np.sqrt(np.diagonal(poses.measured.stated_covariance, axis1=1, axis2=2))
         weight = less_far_off(poses.measured, compared.residual / root)[:, None] / root
-        by_base = jacobians.by_base(at, poses)
-        own = jacobians.by_scaled_terms(at, poses, at.model.terms)
-        columns = np.concatenate([*own, compared.by_targets, by_base], axis=2) * weight[:, :, None]
-        flat = columns.reshape(-1, columns.shape[2])
+        by_base = jacobians.by_base(at, poses) * weight[:, :, None]
+        fitted = [term for term in at.model.terms if not is_error_map(term)]
+        own = jacobians.by_scaled_terms(at, poses, fitted)
+        columns = np.concatenate([*own, compared.by_targets], axis=2) * weight[:, :, None]
+        flat = np.concatenate([columns, by_base], axis=2).reshape(weight.size, -1)
         size = np.linalg.norm(flat, axis=0)
         left, sizes, _ = np.linalg.svd(flat / np.where(size > 0.0, size, 1.0), full_matrices=False)
         span = left[:, sizes > SESSIONS.least_singular * sizes[0]]
         data = (compared.residual * weight).ravel()
         rest = data - span @ (span.T @ data)
         return cls(
-            by_base=by_base * weight[:, :, None],
-            span=span.reshape(*compared.residual.shape, -1),
-            left=rest.reshape(compared.residual.shape),
+            gram=np.einsum("pbi,pbj->pij", by_base, by_base),
+            across=np.einsum("pbk,pbi->pki", span.reshape(*weight.shape, -1), by_base),
+            projection=np.einsum("pbi,pb->pi", by_base, rest.reshape(weight.shape)),
+            squares=float(rest @ rest),
+            readings=int(np.count_nonzero(rest)),
         )
 
     def best(self, order: Index) -> _Step:
         """Return the step that gains most between two poses of an order (P,)."""
-        count, least = len(order), SESSIONS.least_poses
-        steps = [_Step(k, self._gain(order[k:])) for k in range(least, count - least + 1)]
-        return max(steps, key=lambda step: step.gain, default=_Step(0, -np.inf))
+        least = SESSIONS.least_poses
+        gains = self._gains(order)[least : len(order) - least + 1]
+        if not len(gains):
+            return _Step(0, -np.inf)
+        return _Step(least + int(np.argmax(gains)), float(np.max(gains)))
 
-    def _gain(self, after: Index) -> float:
-        """Return the gain of log evidence by another base in some poses, by Schwarz's criterion."""
-        moved = np.zeros_like(self.by_base)
-        moved[after] = self.by_base[after]
-        span = self.span.reshape(-1, self.span.shape[2])
-        flat = moved.reshape(len(span), -1)
-        flat = flat - span @ (span.T @ flat)
-        data = self.left.ravel()
-        explained = flat @ np.linalg.lstsq(flat, data, rcond=SESSIONS.least_singular)[0]
-        readings = int(np.count_nonzero(data))
-        before, then = float(data @ data), float(np.sum((data - explained) ** 2))
-        ratio = before / max(then, np.finfo(float).tiny)
-        # One more unknown is the place of the step.
-        return 0.5 * readings * float(np.log(ratio)) - 0.5 * (flat.shape[1] + 1) * float(
-            np.log(max(readings, 1))
+    def beside(self, moved: Index) -> _Steps:
+        """Return the steps beside one from which on some poses stand, as part of the model."""
+        by_moved = self.across[moved].sum(axis=0)  # (k, 6)
+        columns = -np.swapaxes(self.across, 1, 2) @ by_moved  # (P, 6, 6) by base and moved base
+        columns[moved] += self.gram[moved]
+        size = np.sqrt(np.diagonal(self.gram[moved].sum(axis=0)))
+        values, vectors = np.linalg.eigh(columns[moved].sum(axis=0) / (size[:, None] * size))
+        kept = values > SESSIONS.least_share
+        unit = vectors[:, kept] / (size[:, None] * np.sqrt(values[kept]))  # of moved base
+        amounts = unit.T @ self.projection[moved].sum(axis=0)
+        along = columns @ unit  # (P, 6, m)
+        return replace(
+            self,
+            across=np.concatenate([self.across, np.swapaxes(along, 1, 2)], axis=1),
+            projection=self.projection - along @ amounts,
+            squares=self.squares - float(amounts @ amounts),
         )
+
+    def _gains(self, order: Index) -> Array:
+        """Return the gains of log evidence (P,) by another base from each pose of an order on.
+
+        By Schwarz's criterion.
+        """
+        gram, across, projection = (
+            np.cumsum(each[order[::-1]], axis=0)[::-1]
+            for each in (self.gram, self.across, self.projection)
+        )
+        tiny = np.finfo(float).tiny
+        size = np.sqrt(np.maximum(np.diagonal(gram, axis1=1, axis2=2), tiny))
+        unit = across / size[:, None, :]
+        beside = gram / (size[:, :, None] * size[:, None, :]) - np.swapaxes(unit, 1, 2) @ unit
+        values, vectors = np.linalg.eigh(beside)
+        shown = values > SESSIONS.least_share
+        along = np.einsum("pij,pi->pj", vectors, projection / size)
+        explained = np.sum(along**2 / np.where(shown, values, np.inf), axis=1)
+        then = np.maximum(self.squares - explained, tiny)
+        # One more unknown is the place of the step.
+        unknowns = 0.5 * (projection.shape[1] + 1) * np.log(max(self.readings, 1))
+        return np.asarray(0.5 * self.readings * np.log(max(self.squares, tiny) / then) - unknowns)

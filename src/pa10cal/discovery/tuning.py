@@ -48,6 +48,8 @@ class Sessions:
     # angle of any joint on (level)
     least_nats: float = 4.6
     least_singular: float = 1e-9  # singular values that are none, in the largest (computing)
+    # share of its squares below which a motion of the base is one of the model's (computing)
+    least_share: float = 1e-10
 
 
 @dataclass(frozen=True)
