@@ -99,7 +99,8 @@ def gear_lines(
     for term in maps:  # a fine map may follow a line, which is then in the residual without maps
         amounts = at.values_of(term) / sizes[at.model.columns_of(term)]
         data = data + own.pop(term) @ amounts
-    return _lines(rows, joints, [*own.values(), rows.by_targets], data, error_rate)
+    rivals = [*own.values(), rows.by_targets]
+    return _lines(rows, joints, rivals, data, error_rate, LINES.of_map_times)
 
 
 def _angles(poses: Observations, joint: int) -> int:
@@ -113,8 +114,12 @@ def _lines(
     own: Sequence[Array],
     data: Array,
     error_rate: float,
+    times: float = 1.0,
 ) -> tuple[GearLine, ...]:
-    """Return the lines of joints in whitened data (P, b), beside own columns (P, b, k)."""
+    """Return the lines of joints in whitened data (P, b), beside own columns (P, b, k).
+
+    The best order has to gain so many times as much as any other.
+    """
     rivals = _Rivals(np.concatenate(own, axis=2), data)
     by_joint = rows.whitener @ jacobians.by_joints(rows.at, rows.poses, joints)
     q_rad = rows.poses.states.q_rad
@@ -125,7 +130,7 @@ def _lines(
     needed = float(np.log(sum(len(spectrum.orders) for spectrum in spectra) / error_rate))
     found = []
     for joint, spectrum in zip(joints, spectra, strict=True):
-        order = spectrum.line(needed)
+        order = spectrum.line(needed, times)
         stated = 2.0 * float(rows.at.arm.gear_ratio[joint - 1])
         if order is not None and not abs(order - stated) < spectrum.width:  # nan if not stated
             # A whole turn resolves a cycle a turn, half a turn two.
@@ -165,8 +170,11 @@ class _Periodogram:
         """Return the orders that are tried [cycles a turn]."""
         return np.arange(*LINES.orders, LINES.step_widths * self.width)
 
-    def line(self, needed: float) -> float | None:
-        """Return the order of the line that gains what is needed [nat]; None if none does."""
+    def line(self, needed: float, times: float = 1.0) -> float | None:
+        """Return the order of the line that gains what is needed [nat]; None if none does.
+
+        Nor if another order, further away, gains nearly as much, or a part of it as stated.
+        """
         orders = self.orders
         firsts = range(0, len(orders), LINES.at_once)
         gains = np.concatenate([self.gains(orders[k : k + LINES.at_once]) for k in firsts])
@@ -174,7 +182,8 @@ class _Periodogram:
         if gains[best] < needed:
             return None
         apart = np.abs(orders - orders[best]) > LINES.widths_apart * self.width
-        if np.max(gains[apart], initial=-np.inf) > gains[best] - LINES.better_nats:
+        other = np.max(gains[apart], initial=-np.inf)
+        if other > min(gains[best] - LINES.better_nats, gains[best] / times):
             return None
         step = LINES.step_widths * self.width
         finest = minimize_scalar(

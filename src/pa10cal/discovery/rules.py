@@ -460,6 +460,9 @@ class Lines:
     widths_apart: float = 2.0  # widths within which numbers of cycles are one line (statistics)
     # nats by which the best number must stand out of all others, further away (level)
     better_nats: float = 4.6
+    # times that the best must gain of any other where a map follows both: many orders are no line
+    # (level)
+    of_map_times: float = 2.0
     angle_decimals: int = 4  # of angles [rad] that are different (size)
     step_widths: float = 0.5  # steps by which lines are sought, in widths (computing)
     order_decimals: int = 3  # of cycles a turn, as a line is known by (told)

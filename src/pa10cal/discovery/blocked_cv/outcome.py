@@ -52,6 +52,7 @@ from pa10cal.observe.rigid_targets import keep_their_distances
 from pa10cal.results.discovery import Tried
 from pa10cal.terms.effects.effect import Effect, is_effect
 from pa10cal.terms.effects.joint import GearLine
+from pa10cal.terms.effects.joint_error_map import is_error_map
 from pa10cal.terms.effects.structure import AxisWobble
 
 
@@ -265,18 +266,26 @@ def _weights_with_joints(survey: Survey, fitted: Refit) -> PoseWeights:
 
 
 def _with_lines_and_wobbles(survey: Survey) -> SearchOutcome:
-    """Search a survey, again with the lines of gears and wobbling axes that its residuals show."""
+    """Search a survey, again with the lines of gears and wobbling axes that its residuals show.
+
+    As long as the search keeps some of what it begins with.
+    """
     found = search_survey(survey)
+    tried: list[Effect] = []
     for _ in range(LINES.most_rounds):
-        added = _lines_and_wobbles(survey, found.extended)
-        if not added:
+        shown, added = _lines_and_wobbles(found, tried)
+        if not shown:
             break
-        survey = replace(
-            survey,
-            baseline=survey.baseline.bending_as(added),
-            begins_with=(*survey.begins_with, *added),
-        )
-        found = search_survey(survey)
+        tried += shown
+        if not added:
+            continue
+        begins_with = (*survey.begins_with, *added)
+        baseline = survey.baseline.bending_as(added)
+        longer = replace(survey, baseline=baseline, begins_with=begins_with)
+        ahead = search_survey(longer)
+        if not {*added} & {*ahead.extended.effects}:
+            break
+        survey, found = longer, ahead
     return found
 
 
@@ -299,18 +308,34 @@ def _with_warm_ups(found: SearchOutcome) -> SearchOutcome:
     return ahead if {*shown} & {*ahead.extended.effects} else found
 
 
-def _lines_and_wobbles(survey: Survey, fitted: Refit) -> tuple[Effect, ...]:
+def _lines_and_wobbles(
+    found: SearchOutcome, tried: Sequence[Effect]
+) -> tuple[Sequence[Effect], Sequence[Effect]]:
     """Return the lines of gears, and the axis that wobbles most, in the residuals of a search.
 
-    At joints where none was tried.
+    At joints where none was tried. Then those of them by which left-out poses gain, so that another
+    search may keep them. A line in what a map of its joint predicts may take its place: that only a
+    search can tell.
     """
-    tried = {
-        kind: [each.of for each in survey.begins_with if each.id == kind]
+    survey, fitted = found.rows.survey, found.extended
+    places = {
+        kind: [each.of for each in (*survey.begins_with, *tried) if each.id == kind]
         for kind in (GearLine.id, AxisWobble.id)
     }
     setup, rate = survey.setup, survey.setup.options.error_rate
     residual, whitener = survey.net_residual(fitted.at), fitted.weights.whiteners()
     rows = WhitenedPoses(fitted.at, survey.poses, residual, whitener)
-    lines = gear_lines(rows, rate, tried[GearLine.id])
-    axes = wobbles(rows, survey.context, setup.payload, rate, tried[AxisWobble.id])
-    return (*lines, *axes)
+    lines = gear_lines(rows, rate, places[GearLine.id])
+    axes = wobbles(rows, survey.context, setup.payload, rate, places[AxisWobble.id])
+    if not (lines or axes):
+        return (), ()
+    check = found.interleaved_check
+    without = check.squares()
+
+    def gains(added: Effect) -> bool:
+        return check.gains_a_share(without, check.squares([added]))
+
+    knots = {each.of: each.knots for each in fitted.effects if is_error_map(each)}
+    mapped = [each for each in lines if 2.0 * each.order < knots.get(each.of, 0)]
+    others = [each for each in (*lines, *axes) if each not in mapped]
+    return (*lines, *axes), (*mapped, *filter(gains, others))

@@ -74,10 +74,15 @@ class AlongMove(effect.Effect):
     words = "theta_j += c m_j / max |m|, m the move of all joints from the pose before"
     reported = (TermParameter("c", "rad", 1e-5, plausible=3e-4),)
     error_of = "log"
+    stays_with_arm = False  # how long a reading waits is the campaign's
 
     @classmethod
     def fields_at(cls, context: effect.CandidateContext, joint: int) -> tuple[Any, ...] | None:
         return (effect.turning_joints(context),)
+
+    def elsewhere(self) -> Transferred:
+        """Return the same of another campaign: there it has another amount."""
+        return Transferred(self, same_amounts=False)
 
     @property
     def coordinates(self) -> tuple[str, ...]:
