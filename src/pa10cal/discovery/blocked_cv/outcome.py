@@ -96,17 +96,34 @@ def search_survey(survey: Survey) -> SearchOutcome:
     found = _searched(weighted_rows(survey, shaped, MAPS.spacings[-1][0]))
     found = _with_nuisance_amounts(replace(found, hidden=(*unknown, *found.hidden)))
     if survey.context.commanded:
-        added = arrivals(survey, found.interleaved_check, found.extended.effects)
+        check = found.interleaved_check
+        added = arrivals(survey, check, found.extended.effects)
         found = with_effects_added(found, added)
+        found = _without_idle_lag(found, check, [each.effect for each in added])
     bands = in_bands(found.rows, found.linear_fit)
     if bands is not None:
         found = replace(found, linear_fit=bands.fit, bands=bands)
     found = _with_nuisance_amounts(found)
-    if survey.lag is not None:
-        check = found.interleaved_check
-        if not check.gains_a_share(check.squares(lag=False), check.squares()):
-            found = replace(found, survey=replace(found.survey, lag=None))
+    if survey.lag is not None and not survey.context.commanded:
+        found = _without_idle_lag(found, found.interleaved_check)
     return found
+
+
+def _without_idle_lag(
+    found: SearchOutcome, check: InterleavedCheck, added: Sequence[Effect] = ()
+) -> SearchOutcome:
+    """Return the outcome without a lag of orientations by which left-out poses gain too little.
+
+    Args:
+        found: the outcome.
+        check: of a model with the lag, less the effects that were added since.
+        added: these.
+    """
+    if found.survey.lag is None:
+        return found
+    if check.gains_a_share(check.squares(added, lag=False), check.squares(added)):
+        return found
+    return replace(found, survey=replace(found.survey, lag=None))
 
 
 def _searched(rows: BlockedRows) -> SearchOutcome:
@@ -314,8 +331,8 @@ def _lines_and_wobbles(
     """Return the lines of gears, and the axis that wobbles most, in the residuals of a search.
 
     At joints where none was tried. Then those of them by which left-out poses gain, so that another
-    search may keep them. A line in what a map of its joint predicts may take its place: that only a
-    search can tell.
+    search may keep them. A line in what a map of its joint predicts may take its place, unless the
+    errors of joints fill a band: that only a search can tell.
     """
     survey, fitted = found.rows.survey, found.extended
     places = {
@@ -338,4 +355,5 @@ def _lines_and_wobbles(
     knots = {each.of: each.knots for each in fitted.effects if is_error_map(each)}
     mapped = [each for each in lines if 2.0 * each.order < knots.get(each.of, 0)]
     others = [each for each in (*lines, *axes) if each not in mapped]
-    return (*lines, *axes), (*mapped, *filter(gains, others))
+    in_map = mapped if found.bands is None else []
+    return (*lines, *axes), (*in_map, *filter(gains, others))

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.terms.effects import effect
-from pa10cal.terms.term import TermParameter, Transferred
+from pa10cal.terms.term import ErrorOf, TermParameter, Transferred
 from pa10cal.terms.wrapped import of_campaign
 
 
@@ -73,7 +73,7 @@ class AlongMove(effect.Effect):
     sits = "arm"
     words = "theta_j += c m_j / max |m|, m the move of all joints from the pose before"
     reported = (TermParameter("c", "rad", 1e-5, plausible=3e-4),)
-    error_of = "log"
+    error_of: ClassVar[ErrorOf] = "log"
     stays_with_arm = False  # how long a reading waits is the campaign's
 
     @classmethod
