@@ -7,7 +7,7 @@ import pytest
 
 from made_up_survey import observe
 from pa10cal.discovery import jacobians
-from pa10cal.discovery.sessions import _Steps, is_moved_in_order, moved_in_order
+from pa10cal.discovery.sessions import StepsOfBase, is_moved_in_order, moved_in_order
 
 POSES, FIRST = 120, 50  # poses, of which so many are of the first session
 
@@ -72,7 +72,7 @@ def test_steps_gain_what_dense_columns_of_moved_poses_explain():
     by_base, data = rng.normal(size=(40, 3, 6)), rng.normal(size=120)
     own, order = np.linalg.qr(rng.normal(size=(120, 4)))[0], rng.permutation(40)
     rest = data - own @ (own.T @ data)
-    steps = _Steps(
+    steps = StepsOfBase(
         gram=np.einsum("pbi,pbj->pij", by_base, by_base),
         across=np.einsum("pbk,pbi->pki", own.reshape(40, 3, 4), by_base),
         projection=np.einsum("pbi,pb->pi", by_base, rest.reshape(40, 3)),

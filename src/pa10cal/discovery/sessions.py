@@ -52,12 +52,12 @@ def moved_in_order(at: FittedModel, poses: Observations) -> Unexplained | None:
     in_order = np.argsort(states.time_s, kind="stable")
     joints = [np.argsort(angles, kind="stable") for angles in states.q_rad.T]
 
-    def shown(steps: _Steps) -> _Step | None:
+    def shown(steps: StepsOfBase) -> _Step | None:
         """Return the best step in the order of the rows, if it gains more than any of a joint's."""
         best, by_joints = steps.best(in_order), max(steps.best(order).gain for order in joints)
         return best if best.gain >= SESSIONS.least_nats + max(by_joints, 0.0) else None
 
-    steps = _Steps.of(at, poses)
+    steps = StepsOfBase.of(at, poses)
     step = shown(steps)
     if step is None:
         return None
@@ -87,7 +87,7 @@ def is_moved_in_order(part: Unexplained) -> bool:
 
 
 @dataclass(frozen=True, eq=False)
-class _Steps:
+class StepsOfBase:
     """Steps of the base beside what a model fits, maps as they are, about what it leaves.
 
     Sums over poses, so that those over the poses after each row come one from the other.
@@ -100,7 +100,7 @@ class _Steps:
     readings: int  # components in it
 
     @classmethod
-    def of(cls, at: FittedModel, poses: Observations) -> _Steps:
+    def of(cls, at: FittedModel, poses: Observations) -> StepsOfBase:
         """Return them at poses, each component over its stated uncertainty."""
         compared = at.compared(poses)
         root = np.sqrt(np.diagonal(poses.measured.stated_covariance, axis1=1, axis2=2))
@@ -131,7 +131,7 @@ class _Steps:
             return _Step(0, -np.inf)
         return _Step(least + int(np.argmax(gains)), float(np.max(gains)))
 
-    def beside(self, moved: Index) -> _Steps:
+    def beside(self, moved: Index) -> StepsOfBase:
         """Return the steps beside one from which on some poses stand, as part of the model."""
         by_moved = self.across[moved].sum(axis=0)  # (k, 6)
         columns = -np.swapaxes(self.across, 1, 2) @ by_moved  # (P, 6, 6) by base and moved base
