@@ -352,8 +352,8 @@ def _lines_and_wobbles(
     def gains(added: Effect) -> bool:
         return check.gains_a_share(without, check.squares([added]))
 
-    knots = {each.of: each.knots for each in fitted.effects if is_error_map(each)}
-    mapped = [each for each in lines if 2.0 * each.order < knots.get(each.of, 0)]
+    follows = {each.of: each.highest_order for each in fitted.effects if is_error_map(each)}
+    mapped = [each for each in lines if each.order < follows.get(each.of, 0)]
     others = [each for each in (*lines, *axes) if each not in mapped]
     in_map = mapped if found.bands is None else []
     return (*lines, *axes), (*in_map, *filter(gains, others))

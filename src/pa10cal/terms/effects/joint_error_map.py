@@ -111,6 +111,11 @@ class JointErrorMap(JointEffect):
     )
 
     @property
+    def highest_order(self) -> int:
+        """Return the number of cycles a turn from which on its knots are too far apart."""
+        return self.knots // 2
+
+    @property
     def reported(self) -> tuple[TermParameter, ...]:
         width = max(2, len(str(self.knots - 1)))
         plausible = _PLAUSIBLE_RAD
