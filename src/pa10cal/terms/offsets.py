@@ -46,7 +46,7 @@ class Offsets(Traits):
 
     def same_as(self, other: Term) -> bool:
         """Return whether another term departs the same part; those that both have compare."""
-        return isinstance(other, Offsets) and self.of == other.of
+        return self.id == other.id and self.of == other.of
 
     def only(self, names: Collection[str]) -> Offsets:
         """Return the named parameters with their coordinates, in the order of this term."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Self, TypeGuard
 
 import numpy as np
 
@@ -372,7 +372,7 @@ class GearLine(effect.AtJoint):
 
     def same_as(self, other: Term) -> bool:
         """Return whether another line is this one: k is a parameter, and their ranges overlap."""
-        if not isinstance(other, GearLine) or self.of != other.of:
+        if not _is_gear_line(other) or self.of != other.of:
             return False
         return abs(self.order - other.order) < 0.5 * (self.width + other.width)
 
@@ -396,6 +396,10 @@ class GearLine(effect.AtJoint):
         jacobian[:2, :2] = known.jacobian
         parameters = (*known.parameters, TermParameter("k", "1", 0.01))
         return Report(parameters, np.append(known.values, x[2]), jacobian)
+
+
+def _is_gear_line(term: Term) -> TypeGuard[GearLine]:
+    return term.id == GearLine.id
 
 
 # Errors of logged torques: the log shows another torque than the joint carries.
