@@ -315,3 +315,11 @@ def test_a_stream_with_one_reading_a_stand_is_refused_for_that(written):
         read_campaign(folder)
     assert "stand longer" in refused.value.remedy
     assert "readings 2 s apart" in str(refused.value)
+
+
+def test_dwells_of_which_the_log_of_joints_shows_no_stand_are_told(written):
+    logs = streams(18, 50.0, 20.0)
+    logs.joints = logs.joints.iloc[: int(0.65 * len(logs.joints))]
+    _, folder = written(logs)
+    (told,) = [text for text in read_campaign(folder).warnings if "the target was at rest" in text]
+    assert "controller.csv shows no stand of the arm then" in told

@@ -59,7 +59,7 @@ NEARLY, CANDIDATES = 0.85, 12
 MANY_MORE = 1.3
 #: Dwells that are found to last less are no poses [s].
 SHORT_S = 0.4
-#: A part of the stations that is lost is told beyond this.
+#: A part of the stations, or of the target's dwells, that is lost is told beyond this.
 LOST = 0.2
 #: Stations at which joints and target both were at rest, at least.
 LEAST_VISITS = 3
@@ -260,28 +260,12 @@ class TimeJoin:
             f"{visit_count} of {len(at_rest.arm)} steady phases and are averaged there, "
             f"{stream.rows - used} are set aside, taken in motion{unseen}"
         )
-        warnings = self._lost(stream, clock, at_rest.arm, visited[enough])
+        warnings = (
+            *_lost_stations(stream, clock, at_rest.arm, visited[enough]),
+            *_lost_dwells(at_rest.target, group >= 0, self.joints.name),
+        )
         readings = averaged(stream.read, group)
         return JoinedReadings(readings, visited[enough], at_rest.arm, note, warnings)
-
-    def _lost(
-        self, stream: _Stream, clock: Clock, stations: Stations, used: Index
-    ) -> tuple[str, ...]:
-        """Return a warning where many stations between the first and the last reading are lost."""
-        first_s, last_s = clock.joints_s(stream.time_s[[0, -1]])
-        read = (stations.start_s < last_s) & (stations.end_s > first_s)
-        read_count, lost = int(read.sum()), np.flatnonzero(read)
-        lost = lost[~np.isin(lost, used)]
-        if len(lost) <= LOST * read_count:
-            return ()
-        stand_s = float(np.median(stations.end_s[lost] - stations.start_s[lost]))
-        return (
-            f"{len(lost)} of the {read_count} times at which the arm stood are lost: "
-            f"fewer than {least_readings(stream.time_s)} readings of a target at rest lie there; "
-            f"the arm stands for {stand_s:.1f} s there, and readings are "
-            f"{stream.sampled_s[0]:.2g} s apart: let the arm stand longer, and check that the "
-            "target is in sight and that neither clock was set in between",
-        )
 
     def _target_rests(self, stream: _Stream, at_rest: _AtRest) -> Mask:
         """Return whether a target rests at each reading (N,); of several any that is seen there."""
@@ -439,6 +423,35 @@ def _seen_most(read: RawRows, measured: RawColumns) -> Array:
     """Return places (N, 3), or distances (N, 1), of the target that was seen most [mm]."""
     places = [read.numbers_of(names) for names in measured.targets]
     return max(places, key=lambda p_mm: int(np.isfinite(p_mm).all(axis=1).sum()))
+
+
+def _lost_stations(stream: _Stream, clock: Clock, stations: Stations, used: Index) -> list[str]:
+    """Return a warning where many stations between the first and the last reading are lost."""
+    first_s, last_s = clock.joints_s(stream.time_s[[0, -1]])
+    read = np.flatnonzero((stations.start_s < last_s) & (stations.end_s > first_s))
+    lost = np.setdiff1d(read, used)
+    if len(lost) <= LOST * len(read):
+        return []
+    stand_s = float(np.median(stations.end_s[lost] - stations.start_s[lost]))
+    return [
+        f"{len(lost)} of the {len(read)} times at which the arm stood are lost: "
+        f"fewer than {least_readings(stream.time_s)} readings of a target at rest lie there; "
+        f"the arm stands for {stand_s:.1f} s there, and readings are "
+        f"{stream.sampled_s[0]:.2g} s apart: let the arm stand longer, and check that the "
+        "target is in sight and that neither clock was set in between"
+    ]
+
+
+def _lost_dwells(dwells: Stations, used: Mask, joints: str) -> list[str]:
+    """Return a warning where no reading (N,) is `used` of many dwells of the target."""
+    lost = np.setdiff1d(np.arange(len(dwells)), dwells.of_sample[used])
+    if len(lost) <= LOST * len(dwells):
+        return []
+    return [
+        f"{len(lost)} of the {len(dwells)} times at which the target was at rest are lost: "
+        f"{joints} shows no stand of the arm then; check that it is of the whole run, and that "
+        "neither clock was set in between"
+    ]
 
 
 def _of_motion(samples: Samples, at_rest: _AtRest) -> bool:

@@ -434,7 +434,7 @@ def _best(
         T_instr_base=homogeneous(guess.R_instr_base, guess.p_instr_base_m),
         scatter_m=_rms(residuals_m, problem.root_weight**2),
         poses=len(problem.weights),
-        axis_u_rad=np.sqrt(across) if directional else None,
+        axis_u_rad=np.sqrt(np.maximum(across, 0.0)) if directional else None,
         scatter_rad=_rms(residuals_rad, problem.weights) if orientations else None,
         T_ee_target=homogeneous(guess.R_ee_target, guess.p_ee_m[0]) if orientations else None,
         p_ee_targets_m=None if orientations else guess.p_ee_m,
