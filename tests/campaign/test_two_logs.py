@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import yaml
+from scipy.spatial.transform import Rotation
 
 from made_up_sightings import described
 from made_up_two_logs import JOINTS, PLACE, two_logs
@@ -348,3 +349,30 @@ def test_several_readings_a_row_of_joints_are_told_what_to_write(tmp_path, writt
     del logs.readings["Zeitstempel"], logs.joints["Zeit [s]"]
     _, text, _ = written(logs)
     assert "each pose has 3 rows of readings, write its joints 3 times" in text
+
+
+@pytest.mark.parametrize("by", ["time", "row"])
+def test_targets_aimed_at_in_turn_while_the_arm_stands_are_one_configuration(tmp_path, written, by):
+    """One instrument measures three targets one after the other; each has a row of its own."""
+    logs = two_logs(tmp_path, 12, poses=30, dense=by == "time")
+    angles_deg = logs.readings[["Rx [deg]", "Ry [deg]", "Rz [deg]"]]
+    R = Rotation.from_euler("xyz", angles_deg, degrees=True).as_matrix()
+    at_mm = {"SMR1": [0.0, 0.0, 0.0], "SMR2": [90.0, 0.0, 30.0], "SMR3": [0.0, 80.0, 30.0]}
+    first_s = pd.to_datetime(logs.readings["Zeitstempel"], format="%d.%m.%Y %H:%M:%S.%f")
+    tables = []
+    for turn, (name, place_mm) in enumerate(at_mm.items()):
+        table = logs.readings[["Zeitstempel", *PLACE]].copy()
+        later = first_s + pd.to_timedelta(0.1 * turn, unit="s")
+        table["Zeitstempel"] = later.dt.strftime("%d.%m.%Y %H:%M:%S.%f")
+        table[PLACE] += R @ place_mm
+        tables.append(table.assign(Target=name))
+    logs.readings = pd.concat(tables).sort_index(kind="stable")
+    if by == "row":
+        logs.readings = logs.readings.drop(columns="Zeitstempel")
+        logs.joints = logs.joints.drop(columns="Zeit [s]").loc[logs.readings.index]
+    _, _, folder = written(logs)
+    found = read_campaign(folder)
+    assert any("90 rows of one target each are 30 configurations" in note for note in found.notes)
+    np.testing.assert_allclose(found.observations.states.q_rad, logs.q_rad, atol=2e-4)
+    assert found.observations.measured.target_names == tuple(at_mm)
+    assert np.isfinite(found.observations.measured.places_m).all()

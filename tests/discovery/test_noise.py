@@ -7,7 +7,12 @@ import pytest
 
 from made_up_poses import measured_poses
 from pa10cal.arm.statics import PoseStates
-from pa10cal.discovery.noise import likelier_variances, noise_of_repeats, same_circumstances
+from pa10cal.discovery.noise import (
+    likelier_variances,
+    noise_of_repeats,
+    repeated,
+    same_circumstances,
+)
 from pa10cal.discovery.rules import NOISE
 from pa10cal.errors import DiscoveryError
 
@@ -142,6 +147,21 @@ def test_a_target_that_one_of_two_readings_missed_does_not_stand_for_a_direction
         return noise_of_repeats(replace(shuffled, measured=measured), hidden, screws)
 
     np.testing.assert_allclose(partly(0.0).cov, partly(1.0).cov)
+
+
+def test_readings_of_different_targets_are_no_repeats():
+    """An instrument that aims at one target after the other sees another in each row."""
+    readings, deviation, _ = readings_of(repeats=2)
+    assert repeated(readings) == len(readings) // 2
+    seen = np.ones(deviation.shape, dtype=bool)
+    seen[::2, :3] = False
+    seen[1::2, 3:] = False
+
+    class Partly(type(readings.measured)):
+        components_seen = seen
+
+    measured = Partly(**vars(readings.measured))
+    assert repeated(replace(readings, measured=measured)) == 0
 
 
 def test_too_few_repeats_are_refused():

@@ -24,7 +24,12 @@ from pa10cal.campaign.column_map import ColumnMap
 from pa10cal.campaign.description import DESCRIPTION_FILE, CampaignDescription
 from pa10cal.campaign.dwells import Samples, Stations, stations_of
 from pa10cal.campaign.instrument_motion import is_base_column
-from pa10cal.campaign.joint_positions import as_joints, as_logged, position_columns
+from pa10cal.campaign.joint_positions import (
+    as_joints,
+    as_logged,
+    position_columns,
+    same_commands,
+)
 from pa10cal.campaign.nominal_fit import find_shift, refuse_shifted
 from pa10cal.campaign.own_columns import Inverse
 from pa10cal.campaign.raw_file import RawFile
@@ -225,7 +230,15 @@ class TwoLogs:
             notes=(joined.note, *rows.notes, *logged.notes),
             warnings=joined.warnings,
         )
-        return whole.take(joined.station >= 0, NOT_JOINED[self._by])
+        joined_rows = joined.station >= 0
+        whole = whole.take(joined_rows, NOT_JOINED[self._by])
+        columns_of_readings = self.readings.columns
+        if columns_of_readings is None or columns_of_readings.target is None:
+            return whole
+        stand = joined.station[joined_rows]
+        if self._by == "row":  # each row has its own joints
+            stand = same_commands(whole.numbers_of(q), self.campaign.repeat_tolerance_deg)
+        return _one_row_a_stand(whole, stand, self.measured_columns)
 
     def _labels_by_joints(self, names: Sequence[str]) -> list[str]:
         """Return the labels among names that the joints' log alone has, or that are made.
@@ -375,6 +388,29 @@ class TwoLogs:
                 + by_turns * (many > 1 and not rest),
             )
         return joined
+
+
+def _one_row_a_stand(rows: RawRows, stand: Index, measured: RawColumns) -> RawRows:
+    """Return one row for each stand of the arm, of rows that are of one target each.
+
+    A target that occurs again in a stand (N,) belongs to another row of it. Numbers are those of
+    the first row that has them.
+    """
+    seen = [np.isfinite(rows.numbers_of(names)).all(axis=1) for names in measured.targets]
+    target = np.where(np.any(seen, axis=0), np.argmax(seen, axis=0), -1)
+    labels = {name: rows[name] for name in ("kind", "load_N", "repeat") if name in rows.columns}
+    keys = pd.DataFrame({"stand": stand, **labels})
+    again = keys.assign(target=target).groupby([*keys, "target"], dropna=False).cumcount()
+    of_row = keys.assign(again=again).groupby([*keys, "again"], sort=False, dropna=False)
+    row = of_row.ngroup().to_numpy()
+    first = np.unique(row, return_index=True)[1]
+    if len(first) == len(rows):
+        return rows
+    numbers = {name: values for name, values in rows.columns.items() if values.dtype.kind == "f"}
+    firsts = pd.DataFrame(numbers).groupby(row).first()
+    note = f"{rows.file}: {len(rows)} rows of one target each are {len(first)} configurations"
+    merged = rows.at(first).with_columns({name: firsts[name].to_numpy() for name in numbers})
+    return replace(merged, notes=(*rows.notes, note))
 
 
 def _with_labels(read: RawRows, labels: Sequence[str], logged: RawRows, first: Index) -> RawRows:

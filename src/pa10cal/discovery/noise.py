@@ -280,11 +280,14 @@ def repeat_groups(readings: Observations) -> Index:
 
 
 def _pairs(readings: Observations) -> tuple[Index, Index]:
-    """Return readings and the next ones of their `repeat_groups`."""
+    """Return readings and the next ones of their `repeat_groups`, with a target that both saw."""
     group = repeat_groups(readings)
     order = np.lexsort((readings.states.time_s, group))
     pairs = np.flatnonzero(np.diff(group[order]) == 0)
-    return order[pairs], order[pairs + 1]
+    first, second = order[pairs], order[pairs + 1]
+    seen = readings.measured.components_seen
+    both = (seen[first] & seen[second]).any(axis=1)
+    return first[both], second[both]
 
 
 def _explained(difference: Array, columns: Array, sizes: Array, seen: Mask) -> Array:
