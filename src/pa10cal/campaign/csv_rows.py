@@ -38,6 +38,8 @@ ROWS_A_PART, LETTERS_A_PART, MOST_COLUMNS = 20_000, 1 << 23, 2000
 #: Unreadable rows and fields at most; letters of a column of labels at most, if each label is as
 #: long as the longest.
 MOST_UNREADABLE, MOST_LABEL_LETTERS = 500_000, 100_000_000
+#: Part of the stamps that different rows share, at least, where stamps are rounded.
+SHARED_STAMPS = 0.05
 #: Part of the rows with one number of last digits for a last row with fewer to count as cut.
 SAME_FORMAT = 0.99
 OWN_NAMES = "; for a campaign's file pa10cal columns proposes how to read other names"
@@ -203,6 +205,7 @@ def read_rows(
     *,
     words: ColumnMap = CONTRACT_COLUMNS,
     repeats: bool = False,
+    stamps: Sequence[str] = (),
     within: Path | None = None,
 ) -> RawRows:
     """Read columns of a file of rows, in parts.
@@ -218,6 +221,7 @@ def read_rows(
         layout: how the file is written.
         words: the column map, for messages.
         repeats: whether exact repeats are kept.
+        stamps: columns of times; where they are rounded so that rows share them, repeats are kept.
         within: folder that the file must lie in, see `lines_of`.
 
     Raises:
@@ -255,6 +259,8 @@ def read_rows(
     totals = {path.name: len(part.line)}
     raw = RawRows(path.name, part.columns, right, totals, unused, listed, part.non_numeric)
     once = ~pd.Series(part.hashes).duplicated().to_numpy()
+    if _rounded_stamps(part, [name for name in stamps if name in used]):
+        repeats = True
     if not last.ended and part.widths[-1] == width:
         # The last number of a file without a line end may lack digits that all others have.
         decimals = part.decimals
@@ -296,6 +302,19 @@ def _read_parts(
                 remedy="export the file again; pa10cal columns shows how it is written",
             )
     return _Part.joined(parts or [_read_part([], header, used, layout)]), last
+
+
+def _rounded_stamps(part: _Part, stamps: Sequence[str]) -> bool:
+    """Return whether columns of times are rounded to more than the time from row to row.
+
+    Different rows then share a stamp, so that equal ones are samples of an arm at rest.
+    """
+    if not stamps:
+        return False
+    rows = pd.DataFrame({name: part.columns[name] for name in stamps}).assign(row=part.hashes)
+    of_stamps = rows.groupby(list(stamps), sort=False)["row"].agg(["size", "nunique"])
+    shared = float((of_stamps["nunique"] > 1).mean())
+    return len(rows) >= 2 * len(of_stamps) and shared >= SHARED_STAMPS
 
 
 def _refuse_other_widths(part: _Part, width: int, path: Path, layout: Layout) -> None:

@@ -47,6 +47,8 @@ LEAST_U = 1e-9
 #: Columns that a file with its own names need not have: rows are numbered, loads are 0, and equal
 #: joint positions are repeats of one pose.
 FILLED = {"poses": ("time_s", "load_N", "pose", "repeat"), "cmm": ("load_N", "repeat", "touch")}
+#: Files of which many rows may share a stamp.
+LOGS = ("joints", "readings")
 
 
 @dataclass(frozen=True)
@@ -193,7 +195,16 @@ class RawFile:
             timed = self.key != "poses" or "time_s" in self.names
             needed = [name for name in required if name != "time_s" or timed]
             within = self.path.parent
-            raw = read_rows(self.path, needed, optional, together, repeats=repeats, within=within)
+            stamps = ("time_s",) if self.key in LOGS else ()
+            raw = read_rows(
+                self.path,
+                needed,
+                optional,
+                together,
+                repeats=repeats,
+                stamps=stamps,
+                within=within,
+            )
         else:
             filled = FILLED.get(self.key, ())
             needed = [*required, *(together if set(together) & set(self.words.sources) else ())]
@@ -233,6 +244,7 @@ class RawFile:
             layout=self._layout,
             words=self.words,
             repeats=repeats,
+            stamps=columns.time.names if columns.time and self.key in LOGS else (),
             within=self.path.parent,
         )
         raw = replace(raw, unused=())

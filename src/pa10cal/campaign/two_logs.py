@@ -23,6 +23,7 @@ from pa10cal.campaign.bounds import LEAST_U, unwrapped
 from pa10cal.campaign.column_map import ColumnMap
 from pa10cal.campaign.description import DESCRIPTION_FILE, CampaignDescription
 from pa10cal.campaign.dwells import Samples, Stations, stations_of
+from pa10cal.campaign.held_rows import held_between_changes
 from pa10cal.campaign.instrument_motion import is_base_column
 from pa10cal.campaign.joint_positions import (
     as_joints,
@@ -328,7 +329,9 @@ class TwoLogs:
                 remedy="correct columns.joints",
             )
         raw = unwrapped(raw, q, self.arm)
-        return raw.at(np.argsort(raw["time_s"], kind="stable")) if self._by == "time" else raw
+        if self._by != "time":
+            return raw
+        return held_between_changes(raw.at(np.argsort(raw["time_s"], kind="stable")), q)
 
     def _samples(self, logged: RawRows) -> Samples:
         """Return the samples of the joints' log; without times they are numbered."""
@@ -398,16 +401,18 @@ def _one_row_a_stand(rows: RawRows, stand: Index, measured: RawColumns) -> RawRo
     """
     seen = [np.isfinite(rows.numbers_of(names)).all(axis=1) for names in measured.targets]
     target = np.where(np.any(seen, axis=0), np.argmax(seen, axis=0), -1)
-    labels = {name: rows[name] for name in ("kind", "load_N", "repeat") if name in rows.columns}
-    keys = pd.DataFrame({"stand": stand, **labels})
+    keys = pd.DataFrame({"stand": stand})
+    for name in ("kind", "load_N", "repeat"):
+        if name in rows.columns:
+            keys[name] = rows[name]
     again = keys.assign(target=target).groupby([*keys, "target"], dropna=False).cumcount()
     of_row = keys.assign(again=again).groupby([*keys, "again"], sort=False, dropna=False)
     row = of_row.ngroup().to_numpy()
     first = np.unique(row, return_index=True)[1]
     if len(first) == len(rows):
         return rows
-    numbers = {name: values for name, values in rows.columns.items() if values.dtype.kind == "f"}
-    firsts = pd.DataFrame(numbers).groupby(row).first()
+    numbers = [name for name, values in rows.columns.items() if values.dtype.kind == "f"]
+    firsts = pd.DataFrame({name: rows[name] for name in numbers}).groupby(row).first()
     note = f"{rows.file}: {len(rows)} rows of one target each are {len(first)} configurations"
     merged = rows.at(first).with_columns({name: firsts[name].to_numpy() for name in numbers})
     return replace(merged, notes=(*rows.notes, note))
