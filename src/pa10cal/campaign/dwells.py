@@ -70,6 +70,12 @@ class Stations:
         own = (field.name for field in fields(self) if field.name != "of_sample")
         return replace(self, **{name: getattr(self, name)[stations] for name in own})
 
+    def of_rows(self, order: Index) -> Stations:
+        """Return the stations of samples that were taken in an order (N,), by their own numbers."""
+        of_sample = np.empty_like(self.of_sample)
+        of_sample[order] = self.of_sample
+        return replace(self, first=order[self.first], of_sample=of_sample)
+
     def at(self, time_s: Array) -> Index:
         """Return the station (N,) at each time, -1 where the arm moved or nothing was logged."""
         if not len(self):

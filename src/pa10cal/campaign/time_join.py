@@ -63,6 +63,8 @@ SHORT_S = 0.4
 LOST = 0.2
 #: Stations at which joints and target both were at rest, at least.
 LEAST_VISITS = 3
+#: Part of the readings, or of the stations of a stream, that are nearly all.
+NEARLY_ALL = 0.9
 
 
 @dataclass(frozen=True)
@@ -74,6 +76,13 @@ class JoinedReadings:
     stations: Stations  # where the arm stood
     note: str  # what joins the two logs
     warnings: tuple[str, ...] = ()  # what the user should correct first, one sentence each
+
+    @property
+    def nearly_all(self) -> bool:
+        """Return whether nearly all readings, or stations of a stream, were joined."""
+        joined = self.station >= 0
+        visited = len(np.unique(self.station[joined])) / max(len(self.stations), 1)
+        return min(float(np.mean(joined)), visited) >= NEARLY_ALL
 
 
 @dataclass(frozen=True)
@@ -219,6 +228,40 @@ class TimeJoin:
         refuse_creeping(self.joints, "joints", samples.time_s, samples.q_deg, slowest)
         of_target = np.full(p_mm.shape[1], SLOWEST_TARGET_MM_S)
         refuse_creeping(self.readings, "readings", time_s, p_mm, of_target)
+
+    def at_rest_of(self, read: RawRows) -> tuple[Array, RawRows, Stations]:
+        """Return middle times and means of a stream's dwells, or single readings; and stations.
+
+        Raises:
+            RawDataError: when target or arm never stands still.
+        """
+        if not goes_on(read["time_s"], _seen_most(read, self.nominal.measured)):
+            stations = stations_of(self.samples, len(read), self.still_speed_deg_s)
+            return read["time_s"], read, stations
+        stream = _Stream.of(read, self.samples, self.nominal.measured)
+        at_rest = self._at_rest(stream)
+        dwells = at_rest.target
+        means = averaged(stream.read, dwells.of_sample)
+        return 0.5 * (dwells.start_s + dwells.end_s), means, at_rest.arm
+
+    def offset_after_less_before(self, read: RawRows, split_s: float, offset_s: float) -> float:
+        """Return how far the offset of the clocks changes at a time of the readings, by the motion.
+
+        It is 0 where the motion does not show it; `offset_s` is the offset, approximately.
+        """
+        if not goes_on(read["time_s"], _seen_most(read, self.nominal.measured)):
+            return 0.0
+        stream = _Stream.of(read, self.samples, self.nominal.measured)
+        at_rest = self._at_rest(stream)
+        offsets_s = []
+        for part in (stream.time_s < split_s, stream.time_s >= split_s):
+            of_part = replace(stream, time_s=stream.time_s[part], p_mm=stream.p_mm[part])
+            target = replace(at_rest.target, of_sample=at_rest.target.of_sample[part])
+            clock = self._by_motion(of_part, at_rest._replace(target=target), offset_s)
+            if clock is None:
+                return 0.0
+            offsets_s.append(float(clock.joints_s(np.array([split_s]))[0]))
+        return offsets_s[1] - offsets_s[0]
 
     def _single_readings(self, read: RawRows) -> JoinedReadings:
         """Join readings that were each taken while the arm stood."""

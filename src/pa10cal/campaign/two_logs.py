@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Index
 from pa10cal.campaign.bounds import LEAST_U, unwrapped
+from pa10cal.campaign.clock_jumps import join_by_time
 from pa10cal.campaign.column_map import ColumnMap
 from pa10cal.campaign.description import DESCRIPTION_FILE, CampaignDescription
 from pa10cal.campaign.dwells import Samples, Stations, stations_of
@@ -358,7 +359,7 @@ class TwoLogs:
         if self._by == "time":
             offset_s = None if self.campaign.join is None else self.campaign.join.clock_offset_s
             files = self.joints.path, self.readings.path
-            return TimeJoin(*files, samples, nominal, still_deg_s, offset_s).join(read)
+            return join_by_time(TimeJoin(*files, samples, nominal, still_deg_s, offset_s), read)
         stations = stations_of(samples, len(samples), still_deg_s)
         count, station = len(read), None
         if self._by == "label":
