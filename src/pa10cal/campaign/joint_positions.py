@@ -6,7 +6,7 @@ An axis is what the controller counts. It differs from the joint where joints ar
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -20,6 +20,7 @@ from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import loads_as_named
 from pa10cal.arrays import Array, Index, Mask, spread
 from pa10cal.campaign.bounds import BEYOND_LIMITS
+from pa10cal.campaign.dwells import PAUSE
 from pa10cal.campaign.nominal_fit import placed_by_points
 from pa10cal.campaign.raw_rows import RawRows
 
@@ -27,6 +28,13 @@ from pa10cal.campaign.raw_rows import RawRows
 CHAIN = 3.0
 #: Positions that differ by less have one command, however densely the poses lie [deg, mm].
 SAME_COMMAND = 1e-4
+#: Of neighbouring rows without a pause between them at most this part is equal, and pauses are this
+#: part of the time and so many, at least.
+_EQUAL, _IN_PAUSES, _PAUSES = 0.01, 0.1, 5
+#: Part of the pauses over which no joint moves further than between rows beside, at least.
+_HELD = 0.9
+#: Rows made in one pause, at most.
+_MOST_ROWS = 500
 
 
 def position_columns(prismatic: Mask) -> list[str]:
@@ -219,3 +227,37 @@ def _fitted(scale: CountScale, counts: Array, arm: Arm, p_m: Array) -> CountScal
         return scale
     off_m = np.linalg.norm(p_m - located.targets(T_base_ee)[:, 0, :3, 3], axis=1)
     return CountScale(scale.per_turn, scale.zero, scale.signs, float(np.median(off_m)))
+
+
+def held_between_changes(logged: RawRows, q: Sequence[str]) -> RawRows:
+    """Return a log of joints, columns `q`, with its last row repeated where none was written.
+
+    A controller that writes a row only where a joint changed has none while the arm stands. Such a
+    log has hardly two equal rows after each other, and long pauses over which the arm hardly
+    moved. Rows are in order of time. Any other log is returned as it is.
+    """
+    time_s, steps_s = logged["time_s"], np.diff(logged["time_s"])
+    if not (steps_s > 0.0).any():
+        return logged
+    usual_s = float(np.median(steps_s[steps_s > 0.0]))
+    travel = np.abs(np.diff(logged.numbers_of(q), axis=0)).max(axis=1)
+    pause = steps_s > PAUSE * usual_s
+    beside = travel[~pause]
+    if pause.sum() < _PAUSES or steps_s[pause].sum() < _IN_PAUSES * steps_s.sum():
+        return logged
+    held = pause & (travel <= np.median(beside))
+    if held.sum() < _HELD * pause.sum() or np.mean(beside == 0.0) > _EQUAL:
+        return logged
+    count = np.ones(len(time_s), dtype=np.intp)
+    count[:-1][held] = np.clip(np.round(steps_s[held] / usual_s), 2, _MOST_ROWS).astype(np.intp)
+    rows = np.repeat(np.arange(len(time_s)), count)
+    part = (np.arange(len(rows)) - np.repeat(np.cumsum(count) - count, count)) / count[rows]
+    full = logged.at(rows)
+    note = (
+        f"{logged.file} has rows only where a joint changed: where the next is late "
+        f"({held.sum()} times), the last one holds until then"
+    )
+    later_s = part * np.append(steps_s, 0.0)[rows]
+    return replace(
+        full.with_columns({"time_s": full["time_s"] + later_s}), notes=(*logged.notes, note)
+    )

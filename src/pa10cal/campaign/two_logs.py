@@ -24,11 +24,11 @@ from pa10cal.campaign.clock_jumps import join_by_time
 from pa10cal.campaign.column_map import ColumnMap
 from pa10cal.campaign.description import DESCRIPTION_FILE, CampaignDescription
 from pa10cal.campaign.dwells import Samples, Stations, stations_of
-from pa10cal.campaign.held_rows import held_between_changes
 from pa10cal.campaign.instrument_motion import is_base_column
 from pa10cal.campaign.joint_positions import (
     as_joints,
     as_logged,
+    held_between_changes,
     position_columns,
     same_commands,
 )
