@@ -8,6 +8,7 @@ import yaml
 
 from made_up_sightings import sighted
 from pa10cal.campaign.read import read_campaign
+from pa10cal.campaign.recognise import roles_of
 from pa10cal.campaign.sniffing import sniff, time_format
 
 NAMES = [*(f"Joint {k}" for k in range(1, 7)), "Pos X", "Pos Y", "Pos Z"]
@@ -107,3 +108,25 @@ def test_a_line_that_holds_no_names_gives_none(tmp_path, rows, above):
 )
 def test_of_a_date_whose_day_may_be_a_month_both_are_told(word, form, other):
     assert time_format([word, word.replace("10:00", "10:10")]) == (form, other)
+
+
+@pytest.mark.parametrize("way", [(",", "."), (";", ","), ("\t", ".")])
+@pytest.mark.parametrize("moment", [False, True])
+def test_a_file_of_times_and_distances_has_two_columns(tmp_path, way, moment):
+    """The natural file of an instrument that measures distances."""
+    separator, decimal = way
+    path = tmp_path / "tracker.csv"
+    lines = [f"Time{separator}Distance [mm]"]
+    for k in range(20):
+        time = f"2026-03-02T08:00:{k:02d}" if moment else f"{0.3 + k:.3f}"
+        lines.append(f"{time}{separator}{2544.6199 + 7.3 * k:.4f}".replace(".", decimal))
+    path.write_text("\n".join(lines) + "\n")
+    found = sniff(path)
+    assert found.names == ("Time", "Distance [mm]")
+    assert (found.layout.sign, found.layout.decimal) == way
+    np.testing.assert_allclose(found.column("Distance [mm]"), 2544.6199 + 7.3 * np.arange(20))
+
+
+@pytest.mark.parametrize("name", ["d_mm", "Distance [mm]", "Abstand (mm)"])
+def test_distances_are_recognised_by_their_name(name):
+    assert roles_of(["time_s", name], None).single["distance"] == name

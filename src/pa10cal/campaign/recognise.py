@@ -256,6 +256,8 @@ def _single_columns(names: Sequence[str], text: Collection[str]) -> dict[str, st
         if key in ("temperature", "load", "distance"):
             free = [name for name in free if name not in text]
         named = [name for name in free if has_word(words_of_name(name), key)]
+        if key == "distance" and "d_mm" in free:  # the name that raw data have for it
+            named = ["d_mm"]
         if not named and key in ("time", "temperature", "load", "distance"):
             part = re.compile("|".join(word for word in vocabulary.split() if len(word) > 3))
             named = [name for name in free if any(map(part.search, words_of_name(name)))]

@@ -32,7 +32,9 @@ from pa10cal.errors import RawDataError
 LINES, LETTERS = 3000, 1 << 21
 #: Lines below them, spread to the end, at least.
 SPREAD = 500
-LEAST_FIELDS = 3
+#: Columns of a table at least, and part of its fields that are numbers: of two columns, as of times
+#: and distances, each row has to hold a number.
+LEAST_FIELDS, LEAST_NUMBERS, LEAST_NUMBERS_OF_TWO = 2, 0.3, 0.4
 _COMMENT = "//"  # of SpatialAnalyzer; such a line names no columns
 _SEPARATORS = (";", "tab", ",", "|", "blanks")
 #: Lines of names and units above the rows, at most.
@@ -189,7 +191,8 @@ def _best_layout(
     share, width, layout = max(ways, key=lambda way: (round(way[0], 3), way[1]))
     if name is not None:
         return layout, len(layout.fields(lines[0][1]))
-    if share < 0.3 or width < LEAST_FIELDS:
+    least = LEAST_NUMBERS if width > LEAST_FIELDS else LEAST_NUMBERS_OF_TWO
+    if share < least or width < LEAST_FIELDS:
         raise _no_rows(path, lines)
     return layout, width + _last_is_empty(lines, layout, width)
 
