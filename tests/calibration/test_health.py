@@ -9,7 +9,7 @@ import pytest
 
 from pa10cal.calibration.accuracy import HeldOut, gram
 from pa10cal.calibration.fit_summary import FitSummary, poses_needed
-from pa10cal.calibration.grade_evidence import GradeEvidence
+from pa10cal.calibration.grade_evidence import GradeEvidence, large_departures
 from pa10cal.calibration.health import RIGID
 from pa10cal.calibration.health import health as health_of
 from pa10cal.files.arms import load_arm
@@ -257,6 +257,26 @@ def mastered(off_rad):
     of = {"delta_theta_4": "theta_4"}
     solution = replace(made.solution, x=x)
     return replace(made, parameters=parameters, departures=of, solution=solution)
+
+
+@pytest.mark.parametrize(
+    ("slides", "coordinate", "joint", "says"),
+    [
+        (False, "theta_4", 4, "joint 4 was mastered 2 deg off ("),
+        (False, "d_4", None, "34.9 mm from nominal ("),
+        (True, "theta_4", None, "2 deg from nominal ("),
+        (True, "d_4", 4, "joint 4 was mastered 34.9 mm off ("),
+    ],
+)
+def test_the_zero_of_a_joint_is_along_its_axis_where_it_slides(slides, coordinate, joint, says):
+    made, arm = mastered(np.radians(2.0)), load_arm("ur10")
+    name, unit = f"delta_{coordinate}", "m" if coordinate[0] == "d" else "rad"
+    parameters = (replace(made.parameters[0], name=name, unit=unit), *made.parameters[1:])
+    made = replace(made, parameters=parameters, departures={name: coordinate})
+    arm = replace(arm, prismatic=slides & (np.arange(arm.n) == 3))
+    (found,) = large_departures(made, arm, 1.0)
+    assert (found.where, found.joint) == (name, joint)
+    assert found.what.startswith(says)
 
 
 def test_departures_that_held_out_poses_confirm_are_what_was_found():

@@ -17,7 +17,9 @@ from mended import findings
 from pa10cal import calibrate
 from pa10cal.arm.chain import Chain
 from pa10cal.calibration.joint_slips import joint_zeros
+from pa10cal.calibration.log_changes import Exchange, Reversal
 from pa10cal.campaign.read import read_campaign
+from pa10cal.discovery.log_faults import faults_of_input
 from pa10cal.files.arms import arm_text, parse_arm
 from pa10cal.options import Tolerances
 from pa10cal.terms.model import Model
@@ -113,13 +115,13 @@ def test_one_motor_that_drives_two_slides_is_calibrated_as_one(tmp_path):
     assert found.q == pytest.approx(axes, abs=1e-6)
 
 
-def test_the_zero_of_a_joint_that_is_not_logged_is_no_slip_of_the_log():
-    """No column and no offset of an axis can put it right."""
+def zero_found(joint):
+    """Return what is found where a zero is off, of an arm whose joint 3 follows joint 2."""
     coupling = {"joint": 3, "by": 2, "factor": -1, "follows": True}
     rows = industrial(np.random.default_rng(1), 1)
     arm = parse_arm({"name": "mine", "rows": rows, "coupling": [coupling]}, where="mine.yaml")
     off = SimpleNamespace(
-        problem=SimpleNamespace(parameters=[TermParameter("delta_theta_3", "rad", 1e-3)]),
+        problem=SimpleNamespace(parameters=[TermParameter(f"delta_theta_{joint}", "rad", 1e-3)]),
         fit=SimpleNamespace(x=[0.05]),
     )
     q_rad = np.zeros((5, arm.n))
@@ -133,7 +135,26 @@ def test_the_zero_of_a_joint_that_is_not_logged_is_no_slip_of_the_log():
         offsets_deg=[0.0] * len(arm.axes_slide),
         words=SimpleNamespace(joint=lambda number: f"q{number}"),
     )
-    assert joint_zeros(checked) is None
+    return joint_zeros(checked)
+
+
+def test_the_zero_of_a_joint_that_is_not_logged_is_no_slip_of_the_log():
+    """No column and no offset of an axis can put it right."""
+    assert zero_found(3) is None
+
+
+def test_the_zero_of_a_joint_after_one_that_follows_has_its_own_number_and_column():
+    found = zero_found(4)
+    assert (found.joint, found.where) == (4, "q3")
+    assert found.what.startswith("the zero of joint 4 is ")
+    (fault,) = faults_of_input([found])
+    assert (fault.kind, fault.where) == ("joint_zero", "joint 4")
+
+
+def test_signs_and_exchanges_name_the_joints_that_the_axes_drive():
+    arm = SimpleNamespace(coupling=SimpleNamespace(own=np.array([0, 1, 3, 4, 5])))
+    assert Reversal((3,)).text(arm) == "the sign of joint 4 is reversed"
+    assert Exchange((2, 3)).text(arm) == "joints 2 and 4 are exchanged"
 
 
 @pytest.mark.slow_but_one_in(2)

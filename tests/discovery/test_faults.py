@@ -79,24 +79,39 @@ def test_faults_do_not_make_it_harder_to_name_an_effect():
 def test_what_the_calibration_finds_wrong_in_the_log_is_a_fault_of_it():
     found = faults_of_input(
         [
-            InputFinding(kind=kind, where=where, what="off", remedy="mend", would_leave_mm=left_mm)
-            for kind, where, left_mm in (
-                ("departure", "delta_theta_3", None),
-                ("departure", "a_2", None),
-                ("joint_sign", "q6", 0.05),
-                ("gravity", "campaign.yaml: gravity_m_s2", None),
+            InputFinding(
+                kind=kind,
+                where=where,
+                what="off",
+                remedy="mend",
+                would_leave_mm=left_mm,
+                joint=joint,
+            )
+            for kind, where, left_mm, joint in (
+                ("departure", "delta_theta_3", None, 3),
+                ("departure", "delta_d_1", None, 1),  # the zero of a joint that slides
+                ("departure", "delta_theta_1", None, None),  # the angle of its link
+                ("departure", "a_2", None, None),
+                ("joint_sign", "q6", 0.05, 6),
+                ("joint_zero", "q3", None, 4),  # joint 3 follows, and has no column
+                ("gravity", "campaign.yaml: gravity_m_s2", None, None),
             )
         ]
     )
     assert [(fault.kind, fault.where, fault.what) for fault in found] == [
         ("joint_zero", "joint 3", "off"),
+        ("joint_zero", "joint 1", "off"),
         ("joint_sign", "joint 6", "off (0.05 mm rms would remain if that is put right)"),
+        ("joint_zero", "joint 4", "off"),
     ]
-    assert [fault.is_departure for fault in found] == [True, False]
+    assert [fault.is_departure for fault in found] == [True, True, False, False]
 
 
-DEPARTS = {"kind": "departure", "where": "delta_theta_3", "what": "1 deg off", "remedy": "check"}
-SIGN = {"kind": "joint_sign", "where": "q6", "what": "reversed", "remedy": "negate it"}
+DEPARTS = {
+    "kind": "departure", "where": "delta_theta_3", "what": "1 deg off", "remedy": "check",
+    "joint": 3,
+}  # fmt: skip
+SIGN = {"kind": "joint_sign", "where": "q6", "what": "reversed", "remedy": "negate it", "joint": 6}
 
 
 @pytest.mark.parametrize(

@@ -278,9 +278,10 @@ def large_departures(
         if surely > GRADES.far_off_ratio * parameter.tolerance:
             coordinate = ended.departures.get(parameter.name, "")
             as_built = GRADES.chance_errors * float(np.hypot(u, parameter.tolerance))
-            text = _departure_text(parameter, coordinate, value, tolerances)
+            joint = _joint_of_zero(arm, coordinate)
+            text = _departure_text(parameter, joint, value, tolerances)
             text += _looks_like(arm, coordinate, value, as_built)
-            found.append((tolerances, _departure(parameter, text)))
+            found.append((tolerances, _departure(parameter, text, joint)))
     return tuple(finding for _, finding in sorted(found, key=lambda pair: -pair[0]))
 
 
@@ -290,31 +291,39 @@ def _is_of_zero(departure: InputFinding, zero: InputFinding) -> bool:
     return departure.where == zero.where or f"the zero of {joint} is " in zero.what
 
 
-def _departure(parameter: TermParameter, text: str) -> InputFinding:
+def _departure(parameter: TermParameter, text: str, joint: int | None) -> InputFinding:
     return InputFinding(
         what=text,
         where=parameter.name,
         remedy="check this value in the description of the arm, and the zero of its joint in "
         "the log",
         kind="departure",
+        joint=joint,
     )
 
 
+def _joint_of_zero(arm: Arm | None, coordinate: str) -> int | None:
+    """Return the joint, from 1, whose zero a chain coordinate is: theta, or d where it slides."""
+    kind, _, number = coordinate.rpartition("_")
+    if kind not in ("theta", "d"):
+        return None
+    slides = arm is not None and bool(arm.prismatic[int(number) - 1])
+    return int(number) if (kind == "d") == slides else None
+
+
 def _departure_text(
-    parameter: TermParameter, coordinate: str, value: float, tolerances: float
+    parameter: TermParameter, joint: int | None, value: float, tolerances: float
 ) -> str:
     """Return a departure in words, angles in degrees and lengths in millimetres.
 
     Args:
-        coordinate: that of the chain, such as `theta_3`.
+        joint: the joint whose zero it is; None for other departures.
     """
-    kind, _, joint = coordinate.rpartition("_")
-    if kind == "theta":
-        off = f"{np.degrees(abs(value)):.3g} deg"
-        return f"joint {joint}{_MASTERED} {off} off ({tolerances:.0f} tolerances)"
-    angle = parameter.unit == "rad"
-    off = f"{np.degrees(value):.3g} deg" if angle else f"{1e3 * value:.3g} mm"
-    return f"{off} from nominal ({tolerances:.0f} tolerances)"
+    scale, unit = (np.degrees(1.0), "deg") if parameter.unit == "rad" else (1e3, "mm")
+    if joint is None:
+        return f"{scale * value:.3g} {unit} from nominal ({tolerances:.0f} tolerances)"
+    off = f"{scale * abs(value):.3g} {unit}"
+    return f"joint {joint}{_MASTERED} {off} off ({tolerances:.0f} tolerances)"
 
 
 def _looks_like(arm: Arm | None, coordinate: str, value: float, as_built: float) -> str:

@@ -60,7 +60,7 @@ def check_input(
     members = dict(zip(every.by_campaign(), campaign.campaigns, strict=True))
     if members:
         return tuple(
-            finding.model_copy(update={"where": f"{name}: {finding.where}"})
+            finding.model_copy(update={"where": f"{name}: {finding.where}", "joint": None})
             for name, own in every.by_campaign().items()
             for finding in check_input(members[name], arm, own, options)
         )

@@ -278,6 +278,7 @@ def joint_zeros(checked: CheckedCampaign) -> InputFinding | None:
         if right
         else CHECK_ALL,
         would_leave_mm=1e3 * left_m,
+        joint=k + 1,
     )
 
 

@@ -46,6 +46,10 @@ class LogChange(ABC):
     def text(self, arm: Arm) -> str:
         """Return what seems wrong."""
 
+    def joints(self, arm: Arm) -> tuple[int, ...]:
+        """Return the joints, from 1, that the axes drive."""
+        return tuple(int(arm.coupling.own[axis - 1]) + 1 for axis in self.axes)
+
     def where(self, words: ColumnMap) -> str:
         """Return the names of the columns concerned."""
         return ", ".join(words.joint(axis) for axis in self.axes)
@@ -67,7 +71,7 @@ class Reversal(LogChange):
     def text(self, arm: Arm) -> str:
         if len(self.axes) > 1:
             return "the signs of all joints are reversed"
-        return f"the sign of joint {self.axes[0]} is reversed"
+        return f"the sign of joint {self.joints(arm)[0]} is reversed"
 
 
 @dataclass(frozen=True)
@@ -84,7 +88,8 @@ class Exchange(LogChange):
 
     @override
     def text(self, arm: Arm) -> str:
-        return f"joints {self.axes[0]} and {self.axes[1]} are exchanged"
+        first, second = self.joints(arm)
+        return f"joints {first} and {second} are exchanged"
 
 
 @dataclass(frozen=True)
@@ -101,7 +106,10 @@ class Shift(LogChange):
 
     @override
     def text(self, arm: Arm) -> str:
-        return f"the columns are shifted: joint 1 stands in that of joint {self.axes[0]}"
+        first = int(arm.coupling.own[0]) + 1
+        return (
+            f"the columns are shifted: joint {first} stands in that of joint {self.joints(arm)[0]}"
+        )
 
 
 @dataclass(frozen=True)
@@ -131,12 +139,6 @@ class AxisCoupling(LogChange):
             if between.parallel and not arm.prismatic[joint - 1] and self.factor == -along:
                 return f"joint {joint} is logged to the horizontal, not to the link of joint {by}"
         return f"joint {joint} moves with joint {by}"
-
-    def joints(self, arm: Arm) -> tuple[int, int]:
-        """Return the joints, from 1, that the two axes drive."""
-        axis, by = self.axes
-        own = arm.coupling.own
-        return int(own[axis - 1]) + 1, int(own[by - 1]) + 1
 
 
 @dataclass(frozen=True)
@@ -242,12 +244,14 @@ class ChangedLog:
             counted = coupling_in_words(replace(arm, coupled=self.coupled))
             text += f" ({counted or 'each by itself'})"
         then = "that is put right" if right else f"so, {STILL_WRONG}"
+        joints = [joint for change in self.changes for joint in change.joints(arm)]
         return InputFinding(
             kind="joint_coupling" if couples else self.changes[0].kind,
             where="; ".join(change.where(self.checked.words) for change in self.changes),
             what=f"{text}: {fits_to} {now_mm:.3g} mm as logged, {left_mm:.3g} mm if {then}",
             remedy=self.remedy if right else CHECK_ALL,
             would_leave_mm=left_mm,
+            joint=joints[0] if len(joints) == 1 else None,
         )
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 
 import numpy as np
@@ -43,17 +42,36 @@ def fault_of(term: LogFault, x: Array, covariance: Array, gain: float | None) ->
     )
 
 
-#: Faults of the log by the kinds of findings that a calibration has about its input.
-_OF_INPUT: dict[str, FaultKind] = {
+#: Fault of the log that each kind of finding about the input is: the nearest one where no fault has
+#: its name. None for what is no fault of the log, with the reason.
+_OF_INPUT: dict[str, FaultKind | None] = {
     "joint_sign": "joint_sign",
-    "joint_order": "joint_sign",
-    "joint_coupling": "joint_sign",
+    "joint_order": "joint_sign",  # nearest: joints are not counted as described, either
+    "joint_coupling": "joint_sign",  # nearest, likewise
     "joint_zero": "joint_zero",
     "target_label": "label",
+    # Campaigns of a group that contradict each other: nearest is a step between them.
     "campaigns": "step_in_time",
     "instrument_scale": "step_in_time",
     "instrument_range": "step_in_time",
     "payload": "payload",
+    # A departure of the arm, unless it is the zero of a joint: see `faults_of_input`.
+    "departure": None,
+    # Descriptions of the arm, the tool, the mounting or the instrument are wrong, not the rows; the
+    # grade of the calibration reports them.
+    "other_arm": None,
+    "masses": None,
+    "gravity": None,
+    "temperature": None,
+    "target_places": None,
+    "scale": None,
+    "stated_uncertainty": None,
+    # The nominal arm does not fit at all then; the grade of the calibration reports it.
+    "joint_without_motion": None,
+    # Where it is so, effects are not sought, and the verdict says that.
+    "attitude_convention": None,
+    # The readings themselves are found by `row_faults`.
+    "outlier": None,
 }
 
 
@@ -61,13 +79,12 @@ def faults_of_input(suspicions: Sequence[InputFinding]) -> tuple[DiagnosedFault,
     """Return those findings of the calibration about its input that are faults of the log."""
     faults = []
     for finding in suspicions:
-        kind = _OF_INPUT.get(finding.kind)
-        joint = re.fullmatch(r"(?:[^,;]* \(`)?(?:delta_theta_|q)(\d+)(?:`\))?", finding.where)
+        joint, kind = finding.joint, _OF_INPUT.get(finding.kind)
         if finding.kind == "departure" and joint is not None:
             kind = "joint_zero"
         if kind is None:
             continue
-        where, what = finding.where if joint is None else f"joint {joint[1]}", finding.what
+        where, what = finding.where if joint is None else f"joint {joint}", finding.what
         if finding.would_leave_mm is not None:
             what += f" ({finding.would_leave_mm:.3g} mm rms would remain if that is put right)"
         faults.append(

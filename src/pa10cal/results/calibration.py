@@ -34,6 +34,9 @@ class InputFinding(record.Part):
     kind: str  # its kind in a word, such as `joint_sign`
     # effect of the vocabulary that it is as well as a slip of the log, where there is one
     effect: record.EffectName | None = record.optional()
+    # number of the joint whose zero or sign is doubted, from 1; absent where that is of a single
+    # campaign in a group
+    joint: int | None = record.optional()
 
     @property
     def is_departure(self) -> bool:

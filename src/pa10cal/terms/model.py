@@ -75,14 +75,22 @@ class Model:
         }
 
     @property
-    def joint_zeros(self) -> frozenset[str]:
-        """Return the names of the departures that are zeros of joints, which turn or slide."""
-        driven = set(self.chain.joint_columns.tolist())
-        return frozenset(
-            name
+    def joint_zeros(self) -> dict[str, int]:
+        """Return the joint, from 1, whose zero a departure is, by the name of the departure.
+
+        A joint that turns has its zero in theta, one that slides in d. Other departures are left
+        out.
+        """
+        driven_by = {
+            column: joint for joint, column in enumerate(self.chain.joint_columns.tolist(), start=1)
+        }
+        column_of = {
+            name: self.chain.columns((coordinate,))[0]
             for name, coordinate in self.departures.items()
-            if self.chain.columns((coordinate,))[0] in driven
-        )
+        }
+        return {
+            name: driven_by[column] for name, column in column_of.items() if column in driven_by
+        }
 
     def only(self, names: Collection[str]) -> Model:
         """Return the model with the parameters that are named, see `Term.only`."""

@@ -149,11 +149,11 @@ def test_a_robot_that_was_changed_contradicts_itself(members, kinds, moved_rad):
     found = per_campaign_fits(found.problem, found.fit)
     assert list(found.campaigns) == ["of-0", "of-1"]
     if not moved_rad:
-        assert not contradictions(found, ())
+        assert not contradictions(found, {})
         assert all(each.p_value > 1e-3 for each in found.campaigns.values())
         return
-    (told,) = contradictions(found, {"delta_theta_3"})
-    assert (told.where, told.kind) == ("delta_theta_3", "joint_zero")
+    (told,) = contradictions(found, {"delta_theta_3": 3})
+    assert (told.where, told.kind, told.joint) == ("delta_theta_3", "joint_zero", 3)
     assert "contradict each other" in told.what
     assert "the arm was changed between them, delta_theta_3 by" in told.what
     worst = found.campaigns["of-0"].worst
@@ -193,7 +193,7 @@ def test_an_instrument_that_reads_longer_in_one_campaign_is_no_change_of_the_arm
         both.append(GroupCampaign(f"of-{k}", every, find_start(ARM, every)))
     found = together(both)
     group = per_campaign_fits(found.problem, found.fit)
-    (told,) = contradictions(group, ())
+    (told,) = contradictions(group, {})
     assert (told.where, told.kind) == ("of-1: the measured positions", kind)
     assert told.what.index("of-1 reads") < told.what.index("less likely the arm was changed")
     own = {each.name: each for each in group.campaigns["of-1"].instrument}[kind]
@@ -227,7 +227,7 @@ def test_a_tool_heavier_than_stated_in_one_campaign_is_no_change_of_the_arm(see)
     payload = replace(tool(2.0), of_campaigns=(tool(2.0), tool(2.0)))
     found = general(ARM, join(both), payload)
     group = per_campaign_fits(found.problem, found.fit, payload)
-    (told,) = contradictions(group, ())
+    (told,) = contradictions(group, {})
     assert (told.where, told.kind) == ("of-1: tool.mass_kg", "payload")
     assert "the tool of of-1 weighs" in told.what
     assert "weigh the tool of of-1, and correct tool.mass_kg" in told.remedy

@@ -9,7 +9,7 @@ cause explains alone is compared.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -358,7 +358,7 @@ class _Cause(NamedTuple):
 
 
 def contradictions(
-    group: records.GroupOfCampaigns, zeros: Collection[str]
+    group: records.GroupOfCampaigns, zeros: Mapping[str, int]
 ) -> tuple[InputFinding, ...]:
     """Return which campaign contradicts the others, by which cause and by how much.
 
@@ -367,7 +367,7 @@ def contradictions(
     explain about as much are told together, the likeliest first.
 
     Args:
-        zeros: names of the parameters that are zeros of joints.
+        zeros: joints, from 1, by the names of the parameters that are their zeros.
     """
     campaigns = group.campaigns
     found = {name: each for name, each in campaigns.items() if each.contradicts}
@@ -384,7 +384,8 @@ def contradictions(
     if _by_chance(left, alone.dof - 1.0) < GROUPS.chance_rate:
         what += "; more than that differs"
     remedy = "; or ".join(dict.fromkeys(cause.remedy for cause in likely))
-    where, kind = arm.differs.name, "joint_zero" if arm.differs.name in zeros else "campaigns"
+    where, joint = arm.differs.name, zeros.get(arm.differs.name)
+    kind = "campaigns" if joint is None else "joint_zero"
     if best.chi_square < GROUPS.mostly_share * alone.chi_square:
         what = f"no single cause explains most of it; nearest is that {arm.words}"
         remedy = (
@@ -392,9 +393,9 @@ def contradictions(
             "the model lacks an effect of what differs between them, such as loads and poses"
         )
     elif best.name in _MOST:
-        where, kind = f"{likely[0].campaign}: the measured positions", best.name
+        where, kind, joint = f"{likely[0].campaign}: the measured positions", best.name, None
     elif best.name == TOOL_MASS:
-        where, kind = f"{likely[0].campaign}: tool.mass_kg", OF_TOOL
+        where, kind, joint = f"{likely[0].campaign}: tool.mass_kg", OF_TOOL, None
     others = " and ".join(name for name in campaigns if name != first)
     squares = [own.rms_mm**2 for own in campaigns.values()]
     rms_mm = np.sqrt(np.average(squares, weights=[own.poses for own in campaigns.values()]))
@@ -405,6 +406,7 @@ def contradictions(
             where=where,
             remedy=remedy,
             kind=kind,
+            joint=joint,
         ),
     )
 
