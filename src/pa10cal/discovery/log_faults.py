@@ -42,12 +42,21 @@ def fault_of(term: LogFault, x: Array, covariance: Array, gain: float | None) ->
     )
 
 
-#: Fault of the log that each kind of finding about the input is: the nearest one where no fault has
-#: its name. None for what is no fault of the log, with the reason.
-_OF_INPUT: dict[str, FaultKind | None] = {
+# What the other kinds of findings report is no fault of the log:
+#   departure          of the arm, but for zeros of joints: see `faults_of_input`
+#   other_arm, masses, gravity, temperature, target_places, scale, stated_uncertainty
+#                      what is described, or how the instrument reads, is wrong in all rows alike;
+#                      the grade of the calibration reports it
+#   joint_without_motion
+#                      the nominal arm does not fit at all then, as the same grade reports
+#   attitude_convention
+#                      effects are not sought then, and the verdict says why
+#   outlier            `row_faults` finds the readings themselves
+#: Fault of the log that each kind of finding about the input is, by name or the nearest one.
+_OF_INPUT: dict[str, FaultKind] = {
     "joint_sign": "joint_sign",
-    "joint_order": "joint_sign",  # nearest: joints are not counted as described, either
-    "joint_coupling": "joint_sign",  # nearest, likewise
+    "joint_order": "joint_sign",  # nearest: neither are joints counted as described
+    "joint_coupling": "joint_sign",  # nearest, for the same reason
     "joint_zero": "joint_zero",
     "target_label": "label",
     # Campaigns of a group that contradict each other: nearest is a step between them.
@@ -55,23 +64,6 @@ _OF_INPUT: dict[str, FaultKind | None] = {
     "instrument_scale": "step_in_time",
     "instrument_range": "step_in_time",
     "payload": "payload",
-    # A departure of the arm, unless it is the zero of a joint: see `faults_of_input`.
-    "departure": None,
-    # Descriptions of the arm, the tool, the mounting or the instrument are wrong, not the rows; the
-    # grade of the calibration reports them.
-    "other_arm": None,
-    "masses": None,
-    "gravity": None,
-    "temperature": None,
-    "target_places": None,
-    "scale": None,
-    "stated_uncertainty": None,
-    # The nominal arm does not fit at all then; the grade of the calibration reports it.
-    "joint_without_motion": None,
-    # Where it is so, effects are not sought, and the verdict says that.
-    "attitude_convention": None,
-    # The readings themselves are found by `row_faults`.
-    "outlier": None,
 }
 
 
