@@ -30,10 +30,19 @@ def simulate(
         pa10cal simulate --name mine --out data/raw/mine --truth truth.json --settings \\
           '{"robot": "ur10", "without_touches": {}}'
     """
+    from pa10cal.errors import SettingsError
     from pa10cal.files.arms import arm_asked
     from pa10cal_lab.cell.campaign import simulate_campaign
     from pa10cal_lab.cell.write import write_campaign
 
+    if not name:
+        raise SettingsError(
+            "the campaign has no name",
+            where="--name",
+            value=name,
+            allowed="a text of at least one letter",
+            remedy="give it a name",
+        )
     arm = arm_asked(settings.robot)
     write_campaign(simulate_campaign(name, arm, settings, kcub_reading), out, truth)
     print(f"{name}: {arm.title} in {out}, what is hidden in {truth}")
@@ -72,7 +81,7 @@ def draw_trials(
     from pa10cal_lab.cell.trials import draw_trials as draw
     from pa10cal_lab.cell.write import write_campaign
 
-    names = filter(None, benches.split(","))
+    names = tuple(name.strip() for name in benches.split(",") if name.strip())
     for trial in draw(kind, count, random_seed, "wild", names, first=first, only=only):
         made = simulate_campaign(trial.name, load_arm(trial.settings.robot), trial.settings)
         truth = truths / f"{trial.name}.json"

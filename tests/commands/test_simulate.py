@@ -64,6 +64,29 @@ def test_an_arm_of_ones_own_is_read_from_its_description(tmp_path):
     assert run(tmp_path, {**asked, "robot": str(tmp_path / "other.yaml")}) == REFUSED
 
 
+def test_refuses_a_campaign_without_a_name(tmp_path, capsys):
+    assert run(tmp_path, SHORT, "--name", "") == REFUSED
+    assert "--name" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_benches_may_have_spaces_about_their_commas(tmp_path, capsys):
+    words = [
+        "--kind",
+        "right",
+        "--count",
+        "2",
+        "--random-seed",
+        "1",
+        "--raw",
+        str(tmp_path / "raw"),
+    ]
+    words += ["--truths", str(tmp_path / "truths"), "--benches", "ur10-pose, irb120-pose"]
+    assert run_command("draw_trials", words) == 0
+    shown = capsys.readouterr().out.splitlines()
+    assert ["irb120-pose" in line for line in shown] == [False, True]
+
+
 BAD = [
     ({"seed": 1}, ["unknown key seed", "'random_seed'"]),
     ({"random_seed": -1}, ["random_seed", "-1", "greater than or equal to 0"]),

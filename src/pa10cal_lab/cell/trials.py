@@ -155,6 +155,9 @@ def draw_trials(
         elif name not in known:
             _refuse("no such layout of poses", "--layouts", name, known, "correct the name")
     subjects = subjects_of(kind)
+    if only and only not in subjects and len(subjects) == 1:
+        what = f"trials of kind {kind} have no subjects"
+        _refuse(what, "--only", only, ["nothing"], "leave --only out")
     if only and only not in subjects:
         _refuse(_UNKNOWN, "only", only, subjects)
     subjects, chosen = (only,) if only else subjects, {name: known[name] for name in names or known}

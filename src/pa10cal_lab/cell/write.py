@@ -57,14 +57,22 @@ def write_campaign(campaign: SimulatedCampaign, folder: Path, truth: Path | None
         Where each disturbance of the settings was put.
 
     Raises:
-        SimulationError: when the truth would lie inside the folder, or when the folder holds
-            anything that is not a campaign's.
+        SimulationError: when the truth would lie inside the folder, when the folder holds anything
+            that is not a campaign's, or when the arm's description would replace the campaign's.
     """
     instrument, settings = campaign.instrument, campaign.settings
     log = RawLog.of(campaign_description(campaign), campaign.tables, campaign.truth.robot.arm)
     places = disturb(log, settings.disturbances, settings.random_seed)
     arm = log.arm
     described = {} if _is_shipped(arm) else {f"{arm.name}.yaml": arm_text(arm)}
+    if any(name.casefold() == DESCRIPTION_FILE for name in described):
+        raise SimulationError(
+            "the campaign's own description has the file that the name of the arm asks for",
+            where="robot",
+            value=arm.name,
+            allowed=f"an arm whose description is not {DESCRIPTION_FILE}",
+            remedy="give the arm another name",
+        )
     _claim_folder(folder, truth, [*instrument.files.values(), *described])
     if truth is not None:
         write(truth_record(campaign, places), truth)

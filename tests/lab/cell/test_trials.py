@@ -474,6 +474,8 @@ def test_refuses_what_wild_trials_do_not_know():
         draw_trials("tame", 1, 1, "wild")
     with pytest.raises(SettingsError, match="no such thing"):
         draw_trials("fault", 1, 1, "wild", only="rust")
+    with pytest.raises(SettingsError, match="leave --only out"):
+        draw_trials("right", 1, 1, "wild", only="rust")
     with pytest.raises(SettingsError, match="does nothing at any of the benches"):
         draw_trials("fault", 1, 1, "wild", ["irb120-distance"], only="attitudes")
     (trial,) = draw_trials("right", 1, 1, "wild")

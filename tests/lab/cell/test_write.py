@@ -150,6 +150,15 @@ def test_refuses_a_folder_that_holds_something_else(campaign, tmp_path):
     assert [path.name for path in tmp_path.rglob("*")] == ["raw", "thesis.tex"]
 
 
+@pytest.mark.parametrize("name", ["campaign", "Campaign"])
+def test_refuses_an_arm_whose_description_would_be_the_campaigns(tmp_path, name):
+    plan = SimulateOptions.model_validate({"robot": name, "without_touches": {"poses": 4}})
+    made = simulate_campaign("mine", chain_arm(name, 3, 0.2, 1.0), plan)
+    with pytest.raises(SimulationError, match="name of the arm"):
+        write_campaign(made, tmp_path / "raw")
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_replaces_a_former_campaign(written, campaign):
     folder = written / "raw/secret"
     before = (folder / "cmm.csv.gz").read_bytes()
