@@ -40,6 +40,8 @@ def seen(tmp_path, targets, change, place_m=NEAR_M, seed=4):
         places_m[after, 0] += np.array([3e-4, -4e-4, 3e-4])
     if change == "nest":  # a small step, of a few times the noise
         places_m[after, 0] += np.array([2e-5, -3e-5, -1.2e-4])
+    if change == "small":  # half of the squared error is noise
+        places_m[after, 0] += np.array([4e-5, -5e-5, -5e-5])
     q_rad = raw.q.copy()
     if change == "zeros":  # joint 1 loses 0.5 mrad, joint 3 gains 0.8 mrad
         q_rad[EARLIER:, 0] -= 5e-4
@@ -90,6 +92,7 @@ def seen(tmp_path, targets, change, place_m=NEAR_M, seed=4):
         (1, "target", r"target T1 moved on the flange by (\S+) mm", 0.583),
         (3, "target", r"target T1 moved on the flange by (\S+) mm", 0.583),
         (1, "nest", r"target T1 moved on the flange by (\S+) mm", 0.125),
+        (1, "small", r"target T1 moved on the flange by (\S+) mm", 0.081),
         (1, "beam", r"readings are longer by (\S+) mm along the beam", 6.35),
         (3, "model", r"the log follows another model of the arm, (\S+) mm", None),
         (3, "base", r"the instrument or the base moved by (\S+) mm", 0.583),
@@ -106,7 +109,8 @@ def test_what_changed_at_a_row_is_called_by_what_it_is(tmp_path, targets, change
         assert float(size[1]) == pytest.approx(size_mm, rel=0.05, abs=0.02)
     last, next_ = map(int, re.findall(r"P(\d+)", fault.where))
     assert last < FIRST <= next_
-    assert next_ - last <= 2  # one row of the two is held out
+    # One row of the two is held out; of a small step several are as likely.
+    assert next_ - last <= (4 if change == "small" else 2)
     assert not found.unexplained
 
 

@@ -142,15 +142,15 @@ def change_of(
         return None
     time_s = poses.states.time_s
     middle_s = 0.5 * (time_s[best.row - 1] + time_s[best.row])
-    if best.remaining > CHANGE.most_left_share or any(
+    if not rows.leaves_little(best) or any(
         step_thresholds(poses.states, middle_s, at.arm.prismatic)
     ):
         return None
     columns = change_columns(kind, target, at, poses)
     smooth = by_pose_and_time(at, poses, effects, logged=logged, weights=True)
     row = np.array([best.row])
-    beside = StepRows(at, poses, whitener, *smooth).best(columns, row)
-    if beside.remaining > CHANGE.most_left_share:
+    beside = StepRows(at, poses, whitener, *smooth)
+    if not beside.leaves_little(beside.best(columns, row)):
         return None
     # The same change coming on gradually takes up most of a step: it must gain beside that, too.
     gradual = [CHANGE.static_sizes * (columns * course) for course in gradual_courses(poses)]
@@ -267,6 +267,8 @@ class StepRows:
         self._data = (whitener @ -at.compared(poses).residual[:, :, None])[:, :, 0]
         self._unchanged = Gaussian.of(self._nuisances, self._data)
         self._seen = int(poses.measured.components_seen.sum())
+        stated = whitener @ poses.measured.stated_covariance @ whitener.swapaxes(1, 2)
+        self._stated = float(np.trace(stated, axis1=1, axis2=2).sum())  # squares, if right
         # A step is between rows of different times, with enough rows on either side.
         rows = np.flatnonzero(np.diff(poses.states.time_s, prepend=-np.inf) > 0.0)
         least = CHANGE.least_side
@@ -281,6 +283,19 @@ class StepRows:
         k, of_scale = np.unravel_index(np.argmax(gain), gain.shape)
         scale = CHANGE.scales[int(of_scale)]
         return Step(float(gain[k, of_scale]), int(rows[k]), scale, float(remaining[k, of_scale]))
+
+    def leaves_little(self, step: Step) -> bool:
+        """Return whether a step leaves little of the squared error, or of that beyond noise.
+
+        Noise is as stated, but for what the nuisances take up of it.
+        """
+        gram = self._unchanged.gram
+        taken = float(np.trace(np.linalg.solve(gram + np.eye(len(gram)), gram)))
+        free = max(1.0 - taken / self._seen, 0.0)
+        noise = free * self._stated / max(self._unchanged.residual_squares, np.finfo(float).tiny)
+        if step.remaining <= CHANGE.most_left_share:
+            return True
+        return noise < 1.0 and step.remaining - noise < CHANGE.most_left_beyond * (1.0 - noise)
 
     def does_as_well(self, kind: Kind, step: Step, best: Step) -> bool:
         """Return whether a step of another kind does as well as the best.

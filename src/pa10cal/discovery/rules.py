@@ -344,9 +344,9 @@ class Change:
     better_nats: float = 9.0  # least evidence of a change against a step of the base [nat] (trials)
     # most that another kind of change is worse to be a rival [nat] (level)
     as_good_nats: float = 3.0
-    # largest part of the squared error that it leaves: errors that depend on the pose are a little
-    # better with a step at many a row (trials)
+    # largest part of the squared error that it leaves: any step leaves a little less (trials)
     most_left_share: float = 0.5
+    most_left_beyond: float = 0.25  # or of that beyond the stated noise (trials)
     least_noise_ratio: float = 0.5  # least size over the stated noise of a reading (trials)
     courses: int = 3  # powers of time of the gradual courses that it must beat (trials)
     # times in which the zero of a joint may settle, over that of the campaign (size)
