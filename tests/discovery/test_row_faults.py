@@ -15,9 +15,10 @@ from pa10cal.campaign.target_labels import EXCHANGED
 from pa10cal.discovery import discover as search
 from pa10cal.discovery.evidence.confirmation import confirm
 from pa10cal.discovery.gross_errors import gross_errors
-from pa10cal.discovery.log_faults import fault_of_quarantined, influential_pose
+from pa10cal.discovery.log_faults import fault_of_influential_pose, fault_of_quarantined
 from pa10cal.discovery.preparation import complete
 from pa10cal.discovery.row_faults import held_out_faults, row_faults, true_loads
+from pa10cal.discovery.rules import JUDGING
 from pa10cal.fit.tails import Tails
 from pa10cal.observe.pose import Touched
 from pa10cal.results.calibration import InputFinding
@@ -162,7 +163,7 @@ class TestNamesThatOnePoseCarries:
     def test_its_pose_is_left_out_and_told(self, null):
         pose = null.readings.pose[40]
         campaign = null.discovery.prepared.without_pose(
-            pose, influential_pose(pose, "an effect", 0.5)
+            pose, fault_of_influential_pose(pose, "an effect", 0.5)
         )
         assert pose not in campaign.trusted.pose
         (fault,) = campaign.faults
@@ -196,7 +197,28 @@ class TestNamesThatOnePoseCarries:
             assert (found.train, found.faults) == (without.train, without.faults)
         else:
             assert (found.verdict, found.faults) == ("unexplained", ())
-            assert f"pose {pose} alone carries it" in found.unexplained[-1].why
+            withdrawn = found.unexplained[-1]
+            assert f"pose {pose} alone carries it" in withdrawn.why
+            # The error told of it is that without it.
+            assert withdrawn.shared_error_mm > 2.0 * first.train.after.mean_mm
+
+    def test_names_that_further_poses_carry_are_withdrawn(self, wave, monkeypatch):
+        """So many poses are left out and no more; then the next name does not rest on one."""
+        first, (finding,) = wave.discovery, wave.discovery.findings
+        poses = iter(np.unique(wave.readings.pose))
+
+        def judged(campaign, *_):
+            proof = finding.proof.model_copy(update={"influential_pose": str(next(poses))})
+            carried = replace(finding, proof=proof)
+            return replace(first, prepared=campaign, findings=(carried,), unexplained=())
+
+        monkeypatch.setattr(search, "_judged", judged)
+        found = search._without_influential_poses(first, wave.baseline)
+        assert found.effects == first.effects  # no pose carries what was found first
+        found = search._without_influential_poses(judged(first.prepared), wave.baseline)
+        assert len(found.faults) == JUDGING.most_carriers
+        assert found.effects == ()
+        assert "alone carries it" in found.unexplained[-1].why
 
 
 # Which readings have a gross error.

@@ -18,12 +18,16 @@ from pa10cal.calibration.two_level_fit import check_torques
 from pa10cal.discovery.blocked_cv.survey import LEAST_FOR_BLOCKS
 from pa10cal.discovery.compliance import with_compliance
 from pa10cal.discovery.field import field_of, with_field
-from pa10cal.discovery.finding import is_named, label_of
+from pa10cal.discovery.finding import Finding, is_named, label_of
 from pa10cal.discovery.gap import PairedErrors, errors_of, gap
 from pa10cal.discovery.gates import gated, with_other_readings
 from pa10cal.discovery.joint_steps import JointSteps
 from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit
-from pa10cal.discovery.log_faults import DiagnosedFault, fault_of_quarantined, influential_pose
+from pa10cal.discovery.log_faults import (
+    DiagnosedFault,
+    fault_of_influential_pose,
+    fault_of_quarantined,
+)
 from pa10cal.discovery.loose_targets import knocked_targets, loose_targets
 from pa10cal.discovery.model_with_effects import ModelWithEffects, with_base_motion
 from pa10cal.discovery.nameless import nameless_effects
@@ -123,25 +127,32 @@ def _without_influential_poses(found: Verdict, model: FittedModel) -> Verdict:
 
     An effect acts in all poses, so such a pose has a fault, and the campaign is judged again
     without it. If an unexplained error then remains, the other poses do not fit either, and nothing
-    shows that this pose is worse: it stays, and the names are withdrawn instead.
+    shows that this pose is worse: it stays, and the names are withdrawn instead. So are names that
+    rest on one pose after the most poses that may be left out.
     """
     for _ in range(JUDGING.most_carriers):
-        # A map states no cause, and may be shown by a single pose.
-        pose_of = {
-            one: one.proof.influential_pose
-            for one in found.effects
-            if one.proof.influential_pose is not None and is_named(one.effect)
-        }
-        if not (is_sought(found) and pose_of):
-            break
+        pose_of = _carried_by_one_pose(found)
+        if not pose_of:
+            return found
         first, pose = next(iter(pose_of.items()))
-        fault = influential_pose(pose, label_of(first.effect, None), first.proof.explains)
+        fault = fault_of_influential_pose(pose, label_of(first.effect, None), first.proof.explains)
         without = _judged(found.prepared.without_pose(pose, fault), model)
         if without.unexplained:
-            reasons = {one: f"pose {pose} alone carries it" for one, pose in pose_of.items()}
-            return without_names(found, reasons, found.train.after.mean_mm)
+            break
         found = without
-    return found
+    pose_of = _carried_by_one_pose(found)
+    reasons = {one: f"pose {pose} alone carries it" for one, pose in pose_of.items()}
+    return without_names(found, reasons) if is_sought(found) and reasons else found
+
+
+def _carried_by_one_pose(found: Verdict) -> dict[Finding, str]:
+    """Return the names whose evidence rests on one pose, and that pose; none without a search."""
+    # A map states no cause, and may be shown by a single pose.
+    return {
+        one: one.proof.influential_pose
+        for one in found.effects
+        if one.proof.influential_pose is not None and is_named(one.effect)
+    }
 
 
 def _likelier(found: Verdict[S], passed: Verdict[S]) -> Verdict[S]:
@@ -210,23 +221,28 @@ def _nameless(found: Verdict, model: FittedModel) -> tuple[Effect, ...]:
 def _judged(campaign: Prepared, model: FittedModel) -> Verdict:
     """Return the verdict of the scorer that suits a campaign, before its gates.
 
-    A loose target, or a noisy campaign of a group, stands for what is unexplained at no place; a
-    target that was knocked for all that is: its step looks like errors of other places. So does a
-    motion in the order of rows without times.
+    What is unexplained is attributed to knocked targets, else to loose ones, else to a motion in
+    the order of rows without times or a noisy campaign of a group.
     """
-    found = _by_scorer(campaign, model)
-    # A target that slipped once has other distances from then on. Blocks tell it from the base.
+    found, readings = _by_scorer(campaign, model), campaign.trusted
     slipped = any(fault.kind == "step_in_time" for fault in found.faults_of_rows)
-    told = slipped and judged_by_blocks(campaign.trusted)
-    if not told and (knocked := knocked_targets(campaign.trusted)):
+    if slipped and judged_by_blocks(readings):
+        # Blocks tell a step of the base from a target that slipped once.
+        return _attributed_to_order(_attributed_to_noisy_campaign(found))
+    if knocked := knocked_targets(readings):
+        # Its step looks like errors of other places, so that it stands for all of them.
         return replace(found, unexplained=knocked)
-    if slipped or not (loose := loose_targets(campaign.trusted)):
-        return _of_order(_of_noisy_campaign(found))
-    placed = tuple(each for each in found.unexplained if each.of is not None)
-    return replace(found, unexplained=(*loose, *placed))
+    if slipped:
+        # One step is no target that is loose all the time.
+        return _attributed_to_order(_attributed_to_noisy_campaign(found))
+    if loose := loose_targets(readings):
+        # It stands for what is unexplained at no place.
+        placed = tuple(each for each in found.unexplained if each.of is not None)
+        return replace(found, unexplained=(*loose, *placed))
+    return _attributed_to_order(_attributed_to_noisy_campaign(found))
 
 
-def _of_order(found: Verdict) -> Verdict:
+def _attributed_to_order(found: Verdict) -> Verdict:
     """Return the verdict, what is unexplained being a motion in the order of the rows, if it is.
 
     What names and formulas those rows suggest together is not told.
@@ -237,7 +253,7 @@ def _of_order(found: Verdict) -> Verdict:
     return found if moved is None else replace(found, unexplained=(moved,), nameless=())
 
 
-def _of_noisy_campaign(found: Verdict) -> Verdict:
+def _attributed_to_noisy_campaign(found: Verdict) -> Verdict:
     """Return the verdict, what is unexplained at no place being of a campaign that is noisy.
 
     Not where the log is to be checked: that may be why a campaign is.

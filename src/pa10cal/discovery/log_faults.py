@@ -121,7 +121,7 @@ def fault_of_pose(pose: str, what: str, gain: float | None, *, decides: bool) ->
     )
 
 
-def influential_pose(pose: str, name: str, gain: float | None) -> DiagnosedFault:
+def fault_of_influential_pose(pose: str, name: str, gain: float | None) -> DiagnosedFault:
     """Return the fault of the one pose on which the evidence of an effect rests."""
     what = (
         f"without this pose there is no evidence of {name}: one pose cannot show an effect of all"

@@ -46,17 +46,14 @@ def with_findings(found: Verdict[S], findings: Sequence[Finding]) -> Verdict[S]:
     )
 
 
-def without_names(
-    found: Verdict[S], reasons: Mapping[Finding, str], left_mm: float | None = None
-) -> Verdict[S]:
+def without_names(found: Verdict[S], reasons: Mapping[Finding, str]) -> Verdict[S]:
     """Return a verdict without some names, which become unexplained parts for the reasons given.
 
-    The model is fitted again. `left_mm` is the mean error reported of these parts; None for that of
-    the new fit.
+    The model is fitted again, and its mean error is reported of these parts.
     """
     gone = [finding.effect for finding in reasons]
     found = with_findings(found, [one for one in found.findings if one.effect not in gone])
-    left_mm = found.train.after.mean_mm if left_mm is None else left_mm
+    left_mm = found.train.after.mean_mm
     unknown = (no_name(finding, left_mm, why) for finding, why in reasons.items())
     return replace(found, unexplained=(*found.unexplained, *unknown))
 
