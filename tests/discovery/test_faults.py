@@ -8,7 +8,12 @@ import numpy as np
 import pytest
 
 from pa10cal.discovery.finding import is_named
-from pa10cal.discovery.log_faults import DiagnosedFault, fault_of, faults_of_input, to_check
+from pa10cal.discovery.log_faults import (
+    DiagnosedFault,
+    fault_of,
+    faults_of_input,
+    log_is_to_be_checked,
+)
 from pa10cal.discovery.preparation import effects_in
 from pa10cal.discovery.verdict import Verdict
 from pa10cal.fit.fitted import FittedTo
@@ -59,7 +64,7 @@ class Shift(LogFault):
 def test_a_reading_once_excluded_leaves_effects_standing(decides, effects, expected):
     about = {"kind": "outlier", "where": "pose 7", "what": "off", "remedy": "measure again"}
     faults = [DiagnosedFault(**about, decides=each) for each in decides]
-    assert to_check(faults, effects=effects) is expected
+    assert log_is_to_be_checked(faults, has_effects=effects) is expected
 
 
 def test_a_fault_of_the_whole_log_is_told_with_its_uncertainty_and_is_no_name():

@@ -17,7 +17,7 @@ from pa10cal.calibration.accuracy import noisy_campaign
 from pa10cal.calibration.two_level_fit import check_torques
 from pa10cal.discovery.blocked_cv.survey import LEAST_FOR_BLOCKS
 from pa10cal.discovery.compliance import with_compliance
-from pa10cal.discovery.field import field_of, with_field
+from pa10cal.discovery.field import FieldFit, field_of, with_field
 from pa10cal.discovery.finding import Finding, is_named, label_of
 from pa10cal.discovery.gap import PairedErrors, errors_of, gap
 from pa10cal.discovery.gates import gated, with_other_readings
@@ -170,11 +170,10 @@ def _likelier(found: Verdict[S], passed: Verdict[S]) -> Verdict[S]:
 
 
 def with_predicted(found: Verdict) -> Verdict:
-    """Return a verdict that also predicts errors without a name, if held-out poses gain by it.
+    """Return a verdict that also predicts errors without a name, by a field of the poses fitted.
 
     Not where the log is to be checked or the base moved: such errors do not depend on the joints.
-    Where the effects hold nowhere, the field is added to the calibrated model. Limits within which
-    the effects hold are lifted if held-out poses beyond them are predicted no worse with the field.
+    Where the effects hold nowhere, the field is added to the calibrated model.
     """
     if found.verdict in ("not_sought", "check_the_log"):
         return found
@@ -182,28 +181,41 @@ def with_predicted(found: Verdict) -> Verdict:
         return found
     by_names = found.baseline if found.holds_nowhere else found.extended.fitted()
     fit = field_of(by_names, found.train.poses, _nameless(found, by_names))
-    if fit is None:
-        return found
-    with_fit, falls_back = with_field(by_names, fit), found.falls_back
+    return found if fit is None else _with_field_if_no_worse(found, by_names, fit)
 
-    def after(model: FittedModel, gap: PairedErrors) -> PairedErrors:
-        return replace(gap, found_after=errors_of(model, gap.poses))
 
-    def predicting(verdict: Verdict) -> Verdict:
-        predicted = Predicted(fit, verdict.train, verdict.holdout)
-        return replace(verdict, predicted=predicted).with_gaps(partial(after, with_fit))
+def _with_field_if_no_worse(found: Verdict, by_names: FittedModel, fit: FieldFit) -> Verdict:
+    """Return the verdict with a field if held-out poses are predicted no worse by it.
 
+    The field was chosen by the poses fitted, so that others have to judge it. Limits within which
+    the effects hold are lifted if the poses beyond them are predicted no worse with the field.
+    """
+    falls_back = found.falls_back
     within = None if falls_back is None or found.holds_nowhere else falls_back.within
-    unlimited = found
-    if within is not None:
-        unlimited = replace(found, falls_back=None).with_gaps(partial(after, by_names))
-    everywhere = predicting(unlimited)
-    # The field was chosen by the poses fitted: held-out ones must be predicted no worse by it.
+    unlimited = found if within is None else _unlimited(found, by_names)
+    everywhere = _predicting(unlimited, by_names, fit)
     if worse_than(everywhere.trusted_holdout, unlimited.trusted_holdout):
         return found
     if within is None or limits(everywhere) is None:
         return everywhere
-    return only_within(predicting(found), within)
+    return only_within(_predicting(found, by_names, fit), within)
+
+
+def _unlimited(found: Verdict, by_names: FittedModel) -> Verdict:
+    """Return the verdict with the model of its names in all poses, whatever its limits."""
+    return replace(found, falls_back=None).with_gaps(partial(_found_by, by_names))
+
+
+def _predicting(found: Verdict, by_names: FittedModel, fit: FieldFit) -> Verdict:
+    """Return the verdict with the errors that its names and the field leave."""
+    predicted = Predicted(fit, found.train, found.holdout)
+    with_fit = with_field(by_names, fit)
+    return replace(found, predicted=predicted).with_gaps(partial(_found_by, with_fit))
+
+
+def _found_by(model: FittedModel, errors: PairedErrors) -> PairedErrors:
+    """Return errors before and after, those after being of another model."""
+    return replace(errors, found_after=errors_of(model, errors.poses))
 
 
 def _nameless(found: Verdict, model: FittedModel) -> tuple[Effect, ...]:

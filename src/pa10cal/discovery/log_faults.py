@@ -17,15 +17,16 @@ from pa10cal.terms.weights import LogFault
 class DiagnosedFault(Fault):
     """A fault of the log, with its consequences for the verdict, which are not written."""
 
-    gain: float | None = None
+    gain: float | None = None  # as of `Fault`; by default it was not tried
     # whether the verdict is `check_the_log` even where effects were found; not for a reading with a
     # gross error, which is excluded
     decides: bool = Field(default=True, exclude=True)
     # time of a certain step of the base [s]; readings before and after it have different bases
     at_s: float | None = Field(default=None, exclude=True)
-    # effect with the same consequences: where it was found, there is no fault
+    # effect with the same consequences: where it was found, `Verdict.faults` omits the fault
     effect: EffectName | None = Field(default=None, exclude=True)
-    # whether it is a large departure of the arm: where held-out poses confirm it, there is no fault
+    # whether it is a large departure of the arm: where held-out poses confirm it, `Verdict.faults`
+    # omits the fault
     is_departure: bool = Field(default=False, exclude=True)
 
 
@@ -92,9 +93,9 @@ def faults_of_input(suspicions: Sequence[InputFinding]) -> tuple[DiagnosedFault,
     return tuple(faults)
 
 
-def to_check(faults: Sequence[DiagnosedFault], *, effects: bool) -> bool:
+def log_is_to_be_checked(faults: Sequence[DiagnosedFault], *, has_effects: bool) -> bool:
     """Return whether a verdict is `check_the_log`, by its faults and whether it has effects."""
-    return any(fault.decides or not effects for fault in faults)
+    return any(fault.decides or not has_effects for fault in faults)
 
 
 def fault_of_quarantined(finding: InputFinding) -> DiagnosedFault:

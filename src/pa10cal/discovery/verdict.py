@@ -24,7 +24,7 @@ from pa10cal.discovery.explained import ErrorsOfModels, explained_errors
 from pa10cal.discovery.field import FieldFit, with_field
 from pa10cal.discovery.finding import Finding, Untestable, is_named, label_of, name_of
 from pa10cal.discovery.gap import ErrorsByName, PairedErrors, errors_by_name, trusted
-from pa10cal.discovery.log_faults import DiagnosedFault, fault_of, to_check
+from pa10cal.discovery.log_faults import DiagnosedFault, fault_of, log_is_to_be_checked
 from pa10cal.discovery.model_with_effects import ModelWithEffects
 from pa10cal.discovery.pose_scatter import PoseDeviations
 from pa10cal.discovery.preparation import Prepared
@@ -275,7 +275,7 @@ class Verdict(Generic[S]):
         if self.why is not None:
             return "not_sought"
         named = (*self.gives_way, *self.in_log, *self.effects)
-        if to_check(self.faults, effects=bool(named)):
+        if log_is_to_be_checked(self.faults, has_effects=bool(named)):
             return "check_the_log"
         return word_of(named, self.unexplained)
 
