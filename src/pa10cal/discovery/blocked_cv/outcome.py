@@ -346,7 +346,8 @@ def _lines_and_wobbles(
     axes = wobbles(rows, survey.context, setup.payload, rate, places[AxisWobble.id])
     if not (lines or axes):
         return (), ()
-    check = found.interleaved_check
+    bent = replace(fitted, at=fitted.at.bending_as((*lines, *axes)))
+    check = InterleavedCheck(survey, bent, found.least_gain)
     without = check.squares()
 
     def gains(added: Effect) -> bool:
