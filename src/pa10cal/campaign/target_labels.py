@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pa10cal.arrays import MEDIAN_TO_SIGMA, Array, Mask
 from pa10cal.campaign.nominal_fit import LEAST_POSES, misfit_mm, placed_by_points
 from pa10cal.observe.instrument import Instrument
-from pa10cal.observe.rigid_targets import distances_between, scatter_of_computed_m
+from pa10cal.observe.points import distances_between, scatter_of_computed_m
 
 EXCHANGED = "the labels of these targets are exchanged"
 NOT_RIGID = "its distances from the other targets are not those of the other poses"

@@ -17,7 +17,7 @@ from pa10cal.discovery.rules import LOOSE
 from pa10cal.frame.knocked_targets import knocks_on_body
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
-from pa10cal.observe.rigid_targets import distances_between
+from pa10cal.observe.points import distances_between
 from pa10cal.results.discovery import Unexplained
 
 

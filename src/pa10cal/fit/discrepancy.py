@@ -32,7 +32,7 @@ from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.paths import along_a_path
-from pa10cal.observe.rigid_targets import keep_their_distances
+from pa10cal.observe.points import keep_their_distances
 from pa10cal.rules import LACK, SCATTER
 from pa10cal.terms.field import embedded, well_spread
 from pa10cal.terms.model import Model

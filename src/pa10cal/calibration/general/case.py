@@ -33,8 +33,8 @@ from pa10cal.fit.validity import angles_seen
 from pa10cal.fit.weighed_arm import weighed_model
 from pa10cal.observe.arrivals import with_arrivals
 from pa10cal.observe.observations import Observations, average_repeats
+from pa10cal.observe.points import keep_their_distances
 from pa10cal.observe.quantities import Deviations, Start
-from pa10cal.observe.rigid_targets import keep_their_distances
 from pa10cal.observe.time_order import at_one_end
 from pa10cal.results import calibration as records
 from pa10cal.terms.model import Model

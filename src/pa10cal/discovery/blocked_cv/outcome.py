@@ -48,7 +48,7 @@ from pa10cal.discovery.preparation import sought
 from pa10cal.discovery.residual_candidates import gear_lines, warm_ups_shown, wobbles
 from pa10cal.discovery.rules import LINES, MAPS
 from pa10cal.discovery.target_wander import target_wander
-from pa10cal.observe.rigid_targets import keep_their_distances
+from pa10cal.observe.points import keep_their_distances
 from pa10cal.results.discovery import Tried
 from pa10cal.terms.effects.effect import Effect, is_effect
 from pa10cal.terms.effects.joint import GearLine

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pa10cal.observe.points import Points
-from pa10cal.observe.rigid_targets import keep_their_distances
+from pa10cal.observe.points import Points, keep_their_distances
 
 
 def measured(places, u_m=1e-5):
