@@ -211,6 +211,20 @@ def test_a_controller_errs_by_another_amount_in_each_campaign(at, states, contex
     np.testing.assert_allclose(alone, 2.0 * states.arrival[:, 2])
 
 
+@pytest.mark.parametrize("kind", ["along_move", "move_settling"])
+def test_each_campaign_is_read_at_its_own_instant(kind, at, states, context):
+    grouped = replace(context, campaigns=("one", "two"))
+    (late,) = (each for each in candidates(grouped) if each.id == kind)
+    assert [p.name for p in late.reported] == ["c@one", "c@two"]
+    campaign = np.arange(len(states)) % 2
+    shift = late.shift(replace(states, campaign=campaign), np.array([2.0, 5.0]))
+    once = at(kind, "arm").shift(states, np.ones(1))
+    np.testing.assert_allclose(shift, np.where(campaign, 5.0, 2.0)[:, None] * once)
+    elsewhere = late.elsewhere()
+    assert elsewhere.term == at(kind, "arm")
+    assert not elsewhere.same_amounts
+
+
 def test_a_controller_cannot_err_where_angles_were_read_back(context):
     logged = candidates(replace(context, commanded=False))
     assert {e.id for e in candidates(context)} - {e.id for e in logged} == {"arrival_error"}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -14,6 +14,18 @@ from pa10cal.terms.term import ErrorOf, TermParameter, Transferred
 from pa10cal.terms.wrapped import of_campaign
 
 
+def _of_each(campaigns: tuple[str, ...], amount: TermParameter) -> tuple[TermParameter, ...]:
+    """Return an amount for each campaign of a group, or the one of a single campaign."""
+    names = [of_campaign(amount.name, campaign) for campaign in campaigns] or [amount.name]
+    return tuple(replace(amount, name=name) for name in names)
+
+
+def _in_campaign(states: PoseStates, count: int) -> Array:
+    """Return 1 in the column of each pose's campaign, and else 0, (P, count)."""
+    campaign = np.zeros(len(states), int) if states.campaign is None else states.campaign
+    return np.asarray(campaign[:, None] == np.arange(count), dtype=float)
+
+
 @dataclass(frozen=True)
 class ArrivalError(effect.JointEffect):
     """A controller that stops short of its command: c in the direction moved, 0 where it stayed.
@@ -23,8 +35,7 @@ class ArrivalError(effect.JointEffect):
     that were commanded and not read back hide where it stopped.
     """
 
-    # names of the campaigns of a group, each with an amount of its own; none of one
-    campaigns: tuple[str, ...] = ()
+    campaigns: tuple[str, ...] = ()  # those of a group, each with an amount of its own
     id = "arrival_error"
     sits = "driven joint"
     varies_with = "the direction of arrival"
@@ -43,14 +54,12 @@ class ArrivalError(effect.JointEffect):
     @property
     def reported(self) -> tuple[TermParameter, ...]:
         """Return how far beyond its command the joint stops, in every campaign."""
-        names = [of_campaign("c", name) for name in self.campaigns] or ["c"]
-        return tuple(TermParameter(name, "rad", 1e-5, plausible=1e-4) for name in names)
+        return _of_each(self.campaigns, TermParameter("c", "rad", 1e-5, plausible=1e-4))
 
     def per_unit(self, states: PoseStates) -> Array:
         """Return the direction moved, in the column of the pose's campaign."""
-        campaign = np.zeros(len(states), int) if states.campaign is None else states.campaign
         moved = states.move_from_previous[:, self.joint - 1]
-        return np.asarray(moved[:, None] * (campaign[:, None] == np.arange(len(self.reported))))
+        return moved[:, None] * _in_campaign(states, len(self.reported))
 
     def elsewhere(self) -> Transferred:
         """Return the same of one campaign: there it has another amount."""
@@ -63,33 +72,42 @@ class AlongMove(effect.Effect):
 
     A controller ends a move with all joints at once, so what is left of it, or was already gone of
     it, is a part of the move of the pose before to this one. Moves differ in length and not in how
-    they end: c [rad] is what the joint that went furthest is off.
+    they end: c [rad] is what the joint that went furthest is off. How long a reading waits is its
+    campaign's.
     """
 
     joints: tuple[int, ...]  # those that turn, from 1
+    campaigns: tuple[str, ...] = ()  # those of a group, each with an amount of its own
+    #: The amount of a campaign.
+    amount: ClassVar[TermParameter] = TermParameter("c", "rad", 1e-5, plausible=3e-4)
     id = "along_move"
     varies_with = "the move before each pose"
     clauses = ("the log of joints and the readings are not of one instant",)
     sits = "arm"
     words = "theta_j += c m_j / max |m|, m the move of all joints from the pose before"
-    reported = (TermParameter("c", "rad", 1e-5, plausible=3e-4),)
     error_of: ClassVar[ErrorOf] = "log"
-    stays_with_arm = False  # how long a reading waits is the campaign's
+    stays_with_arm = False
 
     @classmethod
     def fields_at(cls, context: effect.CandidateContext, joint: int) -> tuple[Any, ...] | None:
-        return (effect.turning_joints(context),)
+        return effect.turning_joints(context), context.campaigns
+
+    @property
+    def reported(self) -> tuple[TermParameter, ...]:
+        """Return what the joint that went furthest is off, in every campaign."""
+        return _of_each(self.campaigns, self.amount)
 
     def elsewhere(self) -> Transferred:
-        """Return the same of another campaign: there it has another amount."""
-        return Transferred(self, same_amounts=False)
+        """Return the same of one campaign: there it has another amount."""
+        return Transferred(replace(self, campaigns=()), same_amounts=False)
 
     @property
     def coordinates(self) -> tuple[str, ...]:
         return tuple(f"theta_{joint}" for joint in self.joints)
 
     def per_unit(self, states: PoseStates) -> Array:
-        return effect.move_share_in(states, self)[:, [joint - 1 for joint in self.joints]]
+        share = effect.move_share_in(states, self)[:, [joint - 1 for joint in self.joints]]
+        return share[..., None] * _in_campaign(states, len(self.reported))[:, None, :]
 
 
 @dataclass(frozen=True)
@@ -108,8 +126,7 @@ class MoveSettling(AlongMove):
         "theta_j += c v m_j / max |m|, m the move from the pose before, v that of the end for it"
     )
     # As along_move, with the end at a third of a metre.
-    reported = (TermParameter("c", "rad/m", 3e-5, plausible=1e-3),)
+    amount = TermParameter("c", "rad/m", 3e-5, plausible=1e-3)
 
     def per_unit(self, states: PoseStates) -> Array:
-        share = super().per_unit(states)
-        return share * effect.move_end_in(states, self)[:, None]
+        return super().per_unit(states) * effect.move_end_in(states, self)[:, None, None]
