@@ -186,6 +186,19 @@ class TestVerdict:
         said = "0.300 mm without, 0.100 mm with it; better in 9 of 10 blocks, z 8.0"
         assert any(said in line for line in lines(trust, learnt))
 
+    def test_many_values_are_summed_up_by_unit(self, changed):
+        values = [("rate_x", 1e-5, "m/h"), ("rate_y", -1e-5, "m/h"), ("rate_z", 1e-5, "m/h")]
+        values += [(f"wave_{k}_{axis}", 5e-5, "m") for k in (1, 2) for axis in "xyz"]
+
+        def drifting(record):
+            record["effects"][0]["parameters"] = {
+                name: {"value": value, "std": 1e-6, "unit": unit} for name, value, unit in values
+            }
+
+        said = "3 values, rms 0.01 mm/h; 6 values, rms 0.05 mm".replace(" ", "\u00a0")
+        said = said.replace(";\u00a0", "; ")
+        assert any(f"| {said} |" in line for line in lines(verdict, changed(drifting)))
+
     def test_names_alternatives_and_what_has_no_name(self, changed):
         def doubtful(record):
             record["verdict"] = "unexplained"

@@ -14,7 +14,8 @@ from pa10cal.figures import published
 from pa10cal.figures.campaign import paper_against_ours
 from pa10cal.figures.table import ResultTable, figures, frame_of, write_table
 from pa10cal.reports.blocks import grid
-from pa10cal.reports.formatting import parameter_with_interval, with_half_width
+from pa10cal.reports.formatting import parameter_with_interval, sentence, sized, with_half_width
+from pa10cal.results.evaluation import EffectParameter
 
 
 @pytest.fixture(scope="module")
@@ -322,6 +323,7 @@ def test_nothing_is_left_when_one_format_fails(tmp_path, monkeypatch):
         (5e-5, 2e-4, "(0.5 ± 2.0)e-4"),
         (123456.0, 2300.0, "(1.235 ± 0.023)e5"),
         (12.3, 0.0, "12.3 ± 0"),
+        (9.996, 0.0996, "10.00 ± 0.10"),
     ],
 )
 def test_a_value_has_the_digits_of_its_interval(value, half, written):
@@ -333,3 +335,29 @@ def test_a_stiffness_has_the_interval_of_its_compliance():
     assert parameter_with_interval("K_lin_2", 20.0, 5.0 / 1.96) == "20, 16 to 27"
     assert parameter_with_interval("K", 20.0, 1.0 / 1.96) == "20.0 ± 1.0"
     assert parameter_with_interval("delta_a_2", 7.0, 22.0 / 1.96) == "7 ± 22"
+    # Without an exponent, however stiff.
+    assert parameter_with_interval("K", 150.0, 15.0) == "150, 130 to 190"
+    assert parameter_with_interval("K", 1.2e3, 2e2) == "1200, 900 to 1800"
+    assert parameter_with_interval("K", 1.2e3, 2e3) == "above 280"
+
+
+@pytest.mark.parametrize(
+    ("value", "std", "written"),
+    [(1e-4, 1e-5, "(0.100 ± 0.020) mm"), (1e-4, 0.0, "0.1 mm"), (0.2, 0.01, "(200 ± 20) mm")],
+)
+def test_a_unit_stands_behind_a_value_and_its_interval(value, std, written):
+    shown = sized("A", EffectParameter(value=value, std=std, unit="m"))
+    assert shown.replace("\u00a0", " ") == written
+
+
+@pytest.mark.parametrize(
+    ("text", "written"),
+    [
+        ("what remains.", "What remains."),
+        ("two sessions?", "Two sessions?"),
+        ("q2_deg counts the other way", "q2_deg counts the other way."),
+        ("", ""),
+    ],
+)
+def test_a_sentence_begins_and_ends_as_one(text, written):
+    assert sentence(text) == written

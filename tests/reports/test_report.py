@@ -20,6 +20,7 @@ import pa10cal
 from made_up_records import effect
 from made_up_results import with_verdict
 from pa10cal.commands.command_line import REFUSED, run_command
+from pa10cal.reports.outcome import grade_sentence, verdict_glance
 from pa10cal.reports.page import SECTIONS
 from pa10cal.reports.pictures import motion_drawing, shares_drawing
 from pa10cal.reports.results_bundle import ResultsBundle, results_bundle
@@ -142,6 +143,55 @@ def test_says_every_verdict_in_a_plain_sentence(judged, page):
         assert "A = (0.400 ± 0.039) mrad; phi = (0.770 ± 0.078) rad" in found.text
     if word == "not_sought":
         assert "Measure 100." in found.text
+
+
+LACKS_TWO = "encoder eccentricity at joint 2 and backlash at joint 3."
+
+
+@pytest.mark.parametrize(
+    ("held", "grade_says", "verdict_says"),
+    [
+        (0, "This is before the effects found are added.", "The calibrated model lacks"),
+        (1, "It has some of the effects found.", "The model calibrated without effects lacks"),
+        (2, "The effects found are in it.", "The model calibrated without effects lacks"),
+    ],
+)
+def test_a_calibration_with_the_effects_found_is_not_said_to_lack_them(
+    copied, held, grade_says, verdict_says
+):
+    path = with_verdict(copied, "named") / VerdictRecord.FILE
+    record = read(VerdictRecord, path)
+    backlash = effect("backlash", "joint 3", {"b": (2e-4, 1e-5)})
+    write(record.model_copy(update={"effects": (*record.effects, backlash)}), path)
+    terms = [
+        {"id": "encoder_eccentricity", "of": "joint 2"},
+        {"id": "backlash", "of": "joint 3"},
+        {"id": "backlash", "of": "joint 4"},  # listed in the settings; none that was found
+    ]
+    file = copied / "calibration/combined.json"
+    fitted = json.loads(file.read_text("utf-8"))["fitted_model"]
+    change(copied, file.name, fitted_model={**fitted, "terms": [*terms[:held], terms[2]]})
+    results = ResultsBundle(copied)
+    assert grade_sentence(results, results.calibration).endswith(grade_says)
+    assert verdict_glance(results, results.verdict) == ("named", f"{verdict_says} {LACKS_TWO}")
+
+
+@pytest.mark.parametrize(
+    ("of", "place"),
+    [
+        ("upper_arm", "at the upper arm"),
+        ("joint 3", "at joint 3"),
+        ("target B or C", "at target B or C"),
+        ("the rows from pose P00040 on", "in the rows from pose P00040 on"),
+    ],
+)
+def test_a_place_without_a_name_is_written_as_words(copied, of, place):
+    with_verdict(copied, "unexplained")
+    results = ResultsBundle(copied)
+    made = results.verdict
+    part = made.unexplained.model_copy(update={"of": of})
+    _, said = verdict_glance(results, made.model_copy(update={"unexplained": part}))
+    assert said == f"An error remains {place} that no effect of the vocabulary explains."
 
 
 def taken(of, share, before_mm, after_mm, *ids):

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from pa10cal.results.discovery import Gap
 from pa10cal.results.evaluation import EffectParameter
-from pa10cal.results.number_text import HALF_WIDTH_95
+from pa10cal.results.number_text import HALF_WIDTH_95, plain_number
 from pa10cal.results.record import EffectName
 from pa10cal.terms.joint_spring import reported_name
 
@@ -23,6 +23,7 @@ _SHOWN = {
     "m": ("mm", 1e3),
     "rad": ("mrad", 1e3),
     "m/rad": ("mm/turn", 2e3 * math.pi),
+    "m/h": ("mm/h", 1e3),
     "N m/rad": ("kN m/rad", 1e-3),
     "N m/rad^3": ("MN m/rad³", 1e-6),
 }
@@ -31,7 +32,11 @@ _PHASE_RAD = 0.1
 
 
 def shown_in(unit: str, value: float = 0.0) -> tuple[str, float]:
-    """Return the unit in which a value is shown, and the factor to it."""
+    """Return the unit in which a value is shown, and the factor to it.
+
+    Args:
+        value: in that unit; without one an angle counts as small.
+    """
     if unit == "rad" and abs(value) > _PHASE_RAD:
         return unit, 1.0
     return _SHOWN.get(unit, (unit, 1.0))
@@ -49,6 +54,7 @@ def with_half_width(value: float, half: float) -> str:
     """
     if not (half > 0.0 and math.isfinite(half) and math.isfinite(value)):
         return f"{value:.5g} ± {half:.2g}"
+    half = float(f"{half:.1e}")  # 0.0996 has the digits of 0.10
     last_power = math.floor(math.log10(half)) - 1  # power of ten of the last digit shown
     power = math.floor(math.log10(max(abs(value), half)))
     if power >= _LEAST_POWER and last_power <= 0:
@@ -75,12 +81,14 @@ def parameter_with_interval(name: str, value: float, std: float | None) -> str:
     What is fitted is how far a joint yields, whose interval is symmetric: that of the stiffness is
     not, and has no upper end where the joint may as well be rigid.
     """
-    half = HALF_WIDTH_95 * (std or 0.0) / abs(value) if value else 0.0
+    relative_half = HALF_WIDTH_95 * (std or 0.0) / abs(value) if value else 0.0
     stiffness = name == "K" or name.startswith("K_lin")
-    if not stiffness or not _UNEQUAL <= half < math.inf:
+    if not stiffness or not _UNEQUAL <= relative_half < math.inf:
         return with_interval(value, std)
-    least = f"{value / (1.0 + half):.2g}"
-    return f"above {least}" if half >= 1.0 else f"{value:.3g}, {least} to {value / (1 - half):.2g}"
+    least = plain_number(value / (1.0 + relative_half), 2)
+    if relative_half >= 1.0:
+        return f"above {least}"
+    return f"{plain_number(value)}, {least} to {plain_number(value / (1.0 - relative_half), 2)}"
 
 
 def sized(name: str, parameter: EffectParameter) -> str:
@@ -90,7 +98,9 @@ def sized(name: str, parameter: EffectParameter) -> str:
     text = parameter_with_interval(name, value, std)
     if unit == "1":
         return unbroken(text)
-    return unbroken(f"{text} {unit}" if text.startswith(("(", "above")) else f"({text}) {unit}")
+    # The unit belongs to the value and to its interval; an exponent has brackets of its own.
+    has_interval = std > 0.0 and not text.startswith(("(", "above"))
+    return unbroken(f"({text}) {unit}" if has_interval else f"{text} {unit}")
 
 
 def floor_is(gap: Gap) -> str:
@@ -117,9 +127,16 @@ def listed(names: Iterable[str], nothing: str = "none") -> str:
 
 
 def sentence(text: str) -> str:
-    """Return a text that begins with a capital and ends with a full stop."""
+    """Return a text that begins with a capital and ends with a full stop or a question mark.
+
+    A name of a column or file with which it begins stays as it is.
+    """
     text = text.strip().removesuffix(".")
-    return f"{text[:1].upper()}{text[1:]}." if text else ""
+    if not text:
+        return ""
+    first = text.split(maxsplit=1)[0]
+    begun = text if "_" in first else f"{text[0].upper()}{text[1:]}"
+    return begun if begun.endswith("?") else f"{begun}."
 
 
 #: The end of a sentence; not that of an initial, of `Fig.` in `Fig. 4`, or of a name of a file.

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from typing import Any
 
 from pa10cal.reports.blocks import Callout, Items, PageBlock, Paragraph, SideBySide, grid
 from pa10cal.reports.errors import better_general
@@ -21,8 +22,14 @@ from pa10cal.reports.results_bundle import ResultsBundle
 from pa10cal.results.calibration import UNRESERVED, CalibrationRecord
 from pa10cal.results.discovery import FoundEffect, NamedEffect, ProposedFormula, VerdictRecord
 from pa10cal.results.number_text import SURE, shown_probability
-from pa10cal.results.record import EffectName
-from pa10cal.terms.wording import explained_or_predicted, headline, percent, sentences
+from pa10cal.results.record import EffectName, Name
+from pa10cal.terms.wording import (
+    explained_or_predicted,
+    headline,
+    percent,
+    place_in_words,
+    sentences,
+)
 
 #: What each grade means.
 _GRADES = {
@@ -32,6 +39,7 @@ _GRADES = {
     "suspect_input": "Something in the input is probably wrong.",
     "not_converged": "The fit did not converge.",
 }
+_SOME_THERE = "It has some of the effects found."
 #: Of more parameters only a summary is shown.
 _MOST_PARAMETERS = 6
 
@@ -46,7 +54,7 @@ def errors_by_angle(results: ResultsBundle) -> Iterator[PageBlock]:
             "constant can hardly be separated from the joint zero or the base and widens the band "
             "at all angles. Shaded: angles without fitted poses, where the model extrapolates. A "
             "map shows at which joint an error is, not whether encoder, gear or controller causes "
-            "it. Joints without a map showed no need of one."
+            "it. Joints without a map showed no need of one, or could not be judged."
         )
         yield SideBySide(maps)
     if campaigns := tuple(campaigns_drawings(results.verdict)):
@@ -64,7 +72,8 @@ def grade(results: ResultsBundle, case: CalibrationRecord) -> Iterator[PageBlock
     """Yield the grade with its sentence, and what is probably wrong in the input."""
     health = case.health
     yield Paragraph(grade_sentence(results, case), lead=True)
-    yield Paragraph(sentence(f"{health.grade.replace('_', ' ')}: {health.line}"))
+    word = "" if _is_good_but_for_more(case) else f"{health.grade.replace('_', ' ')}: "
+    yield Paragraph(sentence(f"{word}{health.line}"))
     if health.grade not in UNRESERVED:
         extended, found = results.extended, health.findings
         suspect = health.grade == "suspect_input" and bool(found)
@@ -91,11 +100,36 @@ def grade(results: ResultsBundle, case: CalibrationRecord) -> Iterator[PageBlock
 def grade_sentence(results: ResultsBundle, case: CalibrationRecord) -> str:
     """Return what the grade of a calibration means."""
     text = _GRADES[case.health.grade]
-    if case.health.grade == "few_poses" and case.health.line.startswith("good: "):
+    if _is_good_but_for_more(case):
         text = "The calibration is good; more poses would make predictions less uncertain."
-    if results.verdict is not None and results.verdict.effects:
-        text += " This is before the effects found are added."
-    return text
+    if results.verdict is None or not results.verdict.effects:
+        return text
+    there = _calibrated_with(results, results.verdict)
+    if not there:
+        return f"{text} This is before the effects found are added."
+    every = len(there) == len(results.verdict.effects)
+    return f"{text} {'The effects found are in it.' if every else _SOME_THERE}"
+
+
+def _is_good_but_for_more(case: CalibrationRecord) -> bool:
+    """Return whether a grade `few_poses` only means that an uncertainty asked for needs more.
+
+    The record states that by the first word of its reason alone.
+    """
+    return case.health.grade == "few_poses" and case.health.line.startswith("good: ")
+
+
+def _calibrated_with(results: ResultsBundle, record: VerdictRecord) -> tuple[FoundEffect, ...]:
+    """Return the effects found that the calibration has, as after `calibration.effects: named`."""
+    if results.calibration is None:
+        return ()
+    there = _terms(results.calibration.fitted_model)
+    return tuple(effect for effect in record.effects if effect.name in there)
+
+
+def _terms(fitted_model: Mapping[str, Any]) -> dict[Name, Mapping[str, Any]]:
+    """Return the terms of a fitted model, as a record holds them, by their names."""
+    return {Name(term["id"], term.get("of", "")): term for term in fitted_model.get("terms", ())}
 
 
 def verdict(results: ResultsBundle, record: VerdictRecord) -> Iterator[PageBlock]:
@@ -104,7 +138,7 @@ def verdict(results: ResultsBundle, record: VerdictRecord) -> Iterator[PageBlock
     if lead is not None:
         yield Paragraph(sentence(headline(lead)), lead=True)
         yield Items(sentences(lead))
-    yield Paragraph(verdict_sentence(record), lead=lead is None)
+    yield Paragraph(_verdict_sentence(results, record), lead=lead is None)
     yield grid(
         "Faults of the log",
         "fault | where | what | what to do",
@@ -121,8 +155,7 @@ def verdict(results: ResultsBundle, record: VerdictRecord) -> Iterator[PageBlock
     if record.unexplained is not None:
         part, predicted = "Part of the remaining error", ""
         if lead is not None:
-            # `joints` is given only for what is predicted without a name.
-            by_field = sum(each.share for each in lead.of if each.joints is not None)
+            by_field = sum(each.share for each in lead.of if each.has_no_name)
             part = f"{percent(lead.without_a_name + by_field)} of the error beyond noise"
             if by_field:
                 predicted = f", and {percent(by_field)} is predicted all the same"
@@ -131,7 +164,10 @@ def verdict(results: ResultsBundle, record: VerdictRecord) -> Iterator[PageBlock
         yield grid(
             "Unexplained: a gap without a name",
             "at | why",
-            ((place.of or "place not known", sentence(place.why)) for place in places),
+            (
+                ((place.of or "place not known").replace("_", " "), sentence(place.why))
+                for place in places
+            ),
         )
     yield grid(
         "Formulas proposed for it: they fit as well, and name no effect",
@@ -153,14 +189,9 @@ def verdict(results: ResultsBundle, record: VerdictRecord) -> Iterator[PageBlock
 
 def _effect_rows(results: ResultsBundle, record: VerdictRecord) -> Iterator[tuple[str, ...]]:
     """Yield a row for each effect found, with its formula and what it takes away, if known."""
-    terms = results.extended.fitted_model.get("terms") if results.extended is not None else None
-    formulas = {
-        (term.get("id"), term.get("of")): str(term.get("formula", NOT_KNOWN))
-        for term in (terms if isinstance(terms, list) else [])
-        if isinstance(term, dict)
-    }
+    terms = {} if results.extended is None else _terms(results.extended.fitted_model)
     taken_away = {
-        (part.ids[0], part.of): (f"{mm(part.before_mm)} → {mm(part.after_mm)}", percent(part.share))
+        part.name: (f"{mm(part.before_mm)} → {mm(part.after_mm)}", percent(part.share))
         for part in (record.explained.of if record.explained else ())
     }
     for effect in record.effects_by_share:
@@ -168,7 +199,7 @@ def _effect_rows(results: ResultsBundle, record: VerdictRecord) -> Iterator[tupl
             effect.id.replace("_", " "),
             unbroken(effect.of.replace("_", " ")),
             _size(effect),
-            formulas.get((effect.id, effect.of), NOT_KNOWN),
+            str(terms.get(effect.name, {}).get("formula", NOT_KNOWN)),
             shown_probability(effect.probability),
             listed(
                 (
@@ -177,18 +208,18 @@ def _effect_rows(results: ResultsBundle, record: VerdictRecord) -> Iterator[tupl
                 ),
                 "nothing else",
             ),
-            *map(unbroken, taken_away.get((effect.id, effect.of), ())),
+            *map(unbroken, taken_away.get(effect.name, ())),
         )
 
 
-def verdict_glance(record: VerdictRecord) -> tuple[str, str]:
+def verdict_glance(results: ResultsBundle, record: VerdictRecord) -> tuple[str, str]:
     """Return the verdict for the top of the page: how much is explained, and by what."""
     word, lead = record.verdict.replace("_", " "), record.explained
     explanations = () if lead is None else sentences(lead)
     if lead is None or not explanations:
-        return word, verdict_sentence(record)
+        return word, _verdict_sentence(results, record)
     if record.verdict == "check_the_log":
-        return word, f"{verdict_sentence(record)} {sentence(headline(lead))}"
+        return word, f"{_verdict_sentence(results, record)} {sentence(headline(lead))}"
     parts = "Of the error beyond noise."
     if len(explanations) > 1:
         parts = sentence(headline(lead))
@@ -198,10 +229,12 @@ def verdict_glance(record: VerdictRecord) -> tuple[str, str]:
     )
 
 
-def verdict_sentence(record: VerdictRecord) -> str:
+def _verdict_sentence(results: ResultsBundle, record: VerdictRecord) -> str:
     """Return the verdict in one plain sentence."""
-    lacks = f"The calibrated model lacks {_together(record.effects)}."
-    unexplained = record.unexplained
+    # Where the calibration has effects of the verdict, these were sought with one without them.
+    without = _calibrated_with(results, record)
+    model = "The model calibrated without effects" if without else "The calibrated model"
+    lacks = f"{model} lacks {_together(record.effects)}."
     if record.verdict == "none":
         return "Nothing is missing: model and measurement agree within the repeatability."
     if record.verdict == "not_sought":
@@ -213,30 +246,38 @@ def verdict_sentence(record: VerdictRecord) -> str:
         besides = f" Independent of that, {lacks[0].lower()}{lacks[1:]}"
         return f"Check the log first: {faults}.{besides if record.effects else ''}"
     if record.verdict == "unexplained":
-        where = "" if unexplained is None or unexplained.of is None else f" at {unexplained.of}"
+        of = None if record.unexplained is None else record.unexplained.of
         part = f"{lacks} Besides, an" if record.effects else "An"
-        return f"{part} error remains{where} that no effect of the vocabulary explains."
+        return f"{part} error remains{_where(of)} that no effect of the vocabulary explains."
     return lacks
+
+
+def _where(of: str | None) -> str:
+    """Return a place as a sentence has it after its verb; empty where it is not known."""
+    if of is None:
+        return ""
+    return f" in {of}" if of.startswith("the ") else f" at {place_in_words(of)}"
 
 
 def _together(effects: tuple[FoundEffect, ...]) -> str:
     """Return effects as a list within a sentence; one kind at several joints is one entry.
 
-    One that is not all but certain is an entry of its own, with its probability.
+    An entry of its own has an effect that is not at a joint, may be another one, or is not sure.
     """
-    groups: dict[object, list[FoundEffect]] = {}
+    entries: dict[object, list[FoundEffect]] = {}
     for effect in effects:
-        sure = effect.probability >= SURE
-        alone = effect.likely or not sure or not effect.of.startswith("joint ")
-        groups.setdefault((effect.id, effect.of if alone else None), []).append(effect)
-    names = []
-    for first, *others in groups.values():
-        if others:
-            joints = sorted((each.of.removeprefix("joint ") for each in (first, *others)), key=int)
-            names.append(f"{first.id.replace('_', ' ')} at joints {listed(joints)}")
-        else:
-            names.append(_in_doubt(first))
-    return ", and ".join(names) if len(names) == 2 and "and" in names[0] else listed(names)
+        certain = effect.probability >= SURE and not effect.likely
+        at_joints = certain and effect.of.startswith("joint ")
+        entries.setdefault((effect.id, None if at_joints else effect.of), []).append(effect)
+    names = [_at_joints(entry) if entry[1:] else _in_doubt(entry[0]) for entry in entries.values()]
+    several_joints = len(next(iter(entries.values()), ())) > 1
+    return ", and ".join(names) if len(names) == 2 and several_joints else listed(names)
+
+
+def _at_joints(effects: list[FoundEffect]) -> str:
+    """Return effects of one kind at several joints: `backlash at joints 2 and 3`."""
+    joints = sorted((each.of.removeprefix("joint ") for each in effects), key=int)
+    return f"{effects[0].id.replace('_', ' ')} at joints {listed(joints)}"
 
 
 def _in_doubt(effect: FoundEffect) -> str:
@@ -251,10 +292,18 @@ def _in_doubt(effect: FoundEffect) -> str:
 
 
 def _size(effect: NamedEffect | ProposedFormula) -> str:
-    """Return the parameters with their intervals; of many their rms alone."""
-    if len(effect.parameters) > _MOST_PARAMETERS:
-        values = [parameter.value for parameter in effect.parameters.values()]
-        unit, scale = shown_in(next(iter(effect.parameters.values())).unit)
-        rms = scale * (sum(value**2 for value in values) / len(values)) ** 0.5
-        return unbroken(f"{len(values)} values, rms {rms:.3g} {unit}")
-    return "; ".join(f"{name} = {sized(name, value)}" for name, value in effect.parameters.items())
+    """Return the parameters with their intervals; of many the rms alone of those of each unit."""
+    parameters = effect.parameters
+    if len(parameters) <= _MOST_PARAMETERS:
+        return "; ".join(f"{name} = {sized(name, value)}" for name, value in parameters.items())
+    by_unit: dict[str, list[float]] = {}
+    for each in parameters.values():
+        by_unit.setdefault(each.unit, []).append(each.value)
+    return "; ".join(_summed_up(values, unit) for unit, values in by_unit.items())
+
+
+def _summed_up(values: list[float], unit: str) -> str:
+    """Return the number of some parameters of one unit, and their root mean square."""
+    shown, scale = shown_in(unit)
+    rms = scale * (sum(value**2 for value in values) / len(values)) ** 0.5
+    return unbroken(f"{len(values)} values, rms {rms:.3g} {shown}")

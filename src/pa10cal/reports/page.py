@@ -138,7 +138,7 @@ def _glances(results: ResultsBundle) -> Iterator[Glance]:
     if results.verdict is None:
         yield Glance("Verdict", "none yet", "What the model lacks was not looked for.")
     else:
-        yield Glance("Verdict", *verdict_glance(results.verdict))
+        yield Glance("Verdict", *verdict_glance(results, results.verdict))
     if (ends := headline(results)) is None:
         return
     before, after = ends

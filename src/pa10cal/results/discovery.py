@@ -402,6 +402,16 @@ class ExplainedEffect(record.Part):
     before_mm: float  # root mean square error without it alone, all else fitted again [mm]
     after_mm: float  # root mean square error with all effects [mm]
 
+    @property
+    def name(self) -> record.Name:
+        """Return the name of the effect, without its alternatives."""
+        return record.Name(self.ids[0], self.of)
+
+    @property
+    def has_no_name(self) -> bool:
+        """Return whether it is predicted without a name: by a smooth function of all joints."""
+        return self.joints is not None
+
 
 class Explained(record.Part):
     """How much of the error beyond noise is explained, and by what."""
@@ -476,11 +486,8 @@ class VerdictKeys(record.Part):
         """Return the effects in the order of what they take away, where that is known."""
         if self.explained is None:
             return self.effects
-        places = [(each.ids[0], each.of) for each in self.explained.of]
-        known = {name: k for k, name in enumerate(places)}
-        return tuple(
-            sorted(self.effects, key=lambda each: known.get((each.id, each.of), len(places)))
-        )
+        known = {each.name: k for k, each in enumerate(self.explained.of)}
+        return tuple(sorted(self.effects, key=lambda each: known.get(each.name, len(known))))
 
 
 #: Numbers that a verdict hangs on, by the part of discovery that they belong to.

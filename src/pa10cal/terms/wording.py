@@ -40,7 +40,7 @@ def headline(explained: Explained) -> str:
 
 def explained_or_predicted(explained: Explained) -> str:
     """Return the word `explained`, or `predicted` where some of the error has no name."""
-    named = all(each.joints is None and not _is_nameless(each) for each in explained.of)
+    named = not any(each.has_no_name or _is_nameless(each) for each in explained.of)
     return "explained" if named else "predicted"
 
 
@@ -192,7 +192,7 @@ def _candidates(group: list[ExplainedEffect]) -> tuple[list[_Candidate], list[_C
     first, at = group[0], _place_of_group(group)
     probabilities = [each.probability for each in group if each.probability is not None]
     others = [(id_, at) for id_ in ids[1:]]
-    others += [(name.id, _place(name.of)) for name in elsewhere]
+    others += [(name.id, place_in_words(name.of)) for name in elsewhere]
     known = first.others_probability if len(first.others_probability) == len(others) else ()
     least, most = min(probabilities, default=None), max(probabilities, default=None)
     candidates = [_Candidate(ids[0], at, least, most)]
@@ -228,15 +228,16 @@ def _likeliest_names(here: list[_Candidate], elsewhere: list[_Candidate]) -> str
     return ", ".join(names[:_MOST_OTHERS])
 
 
-def _place(of: str) -> str:
-    """Return a place within a sentence: `joint 2`, `the forearm`."""
-    return of if of.startswith(_JOINT) else f"the {of.replace('_', ' ')}"
+def place_in_words(of: str) -> str:
+    """Return a place within a sentence: `joint 2`, `target A`, `the forearm`."""
+    known = of.startswith((_JOINT, "target ", "the "))
+    return of if known else f"the {of.replace('_', ' ')}"
 
 
 def _place_of_group(group: list[ExplainedEffect]) -> str:
     """Return where a group sits: `joints 2 and 3`, `joint 2`, `the forearm`."""
     if len(group) == 1:
-        return _place(group[0].of)
+        return place_in_words(group[0].of)
     return _joints_text([each.of.removeprefix(_JOINT) for each in group])
 
 
