@@ -1,25 +1,31 @@
 """Faults of single readings and poses, and what the verdict makes of them."""
 
+import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
+from tests.observe.test_joined import joined
 
-from made_up_arm import forced
-from made_up_poses import shifted
+from made_up_arm import REPEATS, forced
+from made_up_poses import at_rest, measured_poses, shifted
 from made_up_survey import observe
 from pa10cal.campaign.raw_rows import quarantined
 from pa10cal.campaign.read import wrong_rows
 from pa10cal.campaign.screens import OFF_REPEATS
 from pa10cal.campaign.target_labels import EXCHANGED
 from pa10cal.discovery import discover as search
+from pa10cal.discovery import row_faults as faults_of_rows
 from pa10cal.discovery.evidence.confirmation import confirm
-from pa10cal.discovery.gross_errors import gross_errors
+from pa10cal.discovery.gross_errors import gross_errors, off_in_words
 from pa10cal.discovery.log_faults import fault_of_influential_pose, fault_of_quarantined
 from pa10cal.discovery.preparation import complete
 from pa10cal.discovery.row_faults import held_out_faults, row_faults, true_loads
 from pa10cal.discovery.rules import JUDGING
 from pa10cal.fit.tails import Tails
+from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Touched
 from pa10cal.results.calibration import InputFinding
 from pa10cal.results.discovery import Unexplained
@@ -62,6 +68,58 @@ class TestLoads:
         first, second = np.unique(load_N)[:2]
         _, gain = self.found(null, with_loads(null.readings, first + second - load_N))
         np.testing.assert_array_equal(gain, 0.0)
+
+
+class TestShownLoads:
+    """Loads by made-up deviations, in poses 0 to 19 that are measured under each load in turn."""
+
+    def told(self, monkeypatch, loads_N, written_N, repeats=1):
+        """Return the loads told of the readings of pose 3, of which others were written down."""
+        true_N = np.tile(np.repeat(loads_N, repeats), 20).astype(float)
+        pose = np.repeat(np.arange(20), repeats * len(loads_N))
+        stated_N = true_N.copy()
+        stated_N[pose == 3] = written_N
+        rng = np.random.default_rng(5)
+        by_load = np.column_stack([np.ones(len(pose)), rng.uniform(0.5, 1.5, (len(pose), 2))])
+        deviation = by_load * (true_N - stated_N)[:, None] + 0.5 * rng.normal(size=by_load.shape)
+        monkeypatch.setattr(faults_of_rows, "_load_rows", lambda *_: (deviation, by_load))
+        states = at_rest(np.zeros((len(pose), 6)), load_N=stated_N)
+        still = np.tile(np.eye(4), (len(pose), 1, 1))
+        cov = np.tile(np.eye(6), (len(pose), 1, 1))
+        readings = measured_poses(pose.astype(str), states, still, cov)
+        readings = replace(readings, repeat=np.tile(np.arange(repeats), 20 * len(loads_N)))
+        told_N, gain = true_loads(readings, None, "a payload", "logged")
+        assert not gain[told_N == stated_N].any()
+        np.testing.assert_array_equal(told_N[pose != 3], stated_N[pose != 3])
+        faults = list(faults_of_rows._load_faults(readings, told_N, gain))
+        return told_N[pose == 3].tolist(), faults
+
+    @pytest.mark.parametrize(
+        ("loads_N", "written_N"),
+        [
+            ((0, 80, 100), (80, 0, 100)),  # 100 N is near what the first reading shows
+            ((0, 50, 60), (50, 0, 60)),
+            ((0, 80, 100), (100, 80, 0)),
+            ((0, 22, 44), (22, 0, 44)),
+        ],
+    )
+    def test_those_exchanged_are_found(self, monkeypatch, loads_N, written_N):
+        told_N, (fault,) = self.told(monkeypatch, loads_N, written_N)
+        assert told_N == list(loads_N)
+        changed = [load for load in loads_N if loads_N.index(load) != written_N.index(load)]
+        assert fault.where == "pose 3, " + " and ".join(f"{load} N" for load in changed)
+        assert fault.what.startswith("the loads seem exchanged: ")
+        assert 0.5 < fault.gain < 1.0
+
+    def test_one_that_is_alone_with_another_load_is_none(self, monkeypatch):
+        told_N, faults = self.told(monkeypatch, (0, 22, 44), (22, 22, 44))
+        assert (told_N, faults) == ([22, 22, 44], [])
+
+    def test_each_load_has_its_own_repeat(self, monkeypatch):
+        written_N = (22, 0, 22, 0)  # the first at 0 N and the last at 22 N
+        told_N, (fault,) = self.told(monkeypatch, (0, 22), written_N, repeats=2)
+        assert told_N == [0, 0, 22, 22]
+        assert fault.where == "pose 3, 0 N, repeat 1 and 22 N, repeat 0"
 
 
 class TestTails:
@@ -112,11 +170,13 @@ class TestWrongRows:
 class TestReadings:
     def test_a_load_exchanged_once_is_told_with_its_repeat(self, null):
         readings = complete(null.readings, null.baseline, null.setup)
+        readings = replace(readings, repeat=np.arange(len(readings)) % REPEATS)
         wrong, here = exchanged_at(readings, readings.pose[40], [readings.repeat[40]])
         found = row_faults(wrong, null.baseline, null.setup.payload, "logged")
         (fault,) = found.faults
         assert (fault.kind, fault.decides) == ("load", True)
-        assert f"pose {readings.pose[40]}, 0 N, 44 N" in fault.where
+        repeat = f"repeat {readings.repeat[40]}"
+        assert fault.where == f"pose {readings.pose[40]}, 0 N, {repeat} and 44 N, {repeat}"
         assert "exchanged" in fault.what
         np.testing.assert_array_equal(found.excluded, here)
 
@@ -131,6 +191,33 @@ class TestReadings:
         assert fault.where.startswith(f"held out, pose {held_out.pose[4]}")
         assert not fault.decides
         np.testing.assert_array_equal(np.flatnonzero(found.excluded), [4])
+
+    def test_what_is_turned_is_told_in_degrees(self, null):
+        """An orientation that is wrong, of a reading among its repeats, and of a whole pose."""
+        readings = complete(null.readings, null.baseline, null.setup)
+        for at in ([40], readings.pose == readings.pose[40]):
+            T = readings.measured.T_instr_target.copy()
+            T[at, :3, :3] = (
+                Rotation.from_rotvec([0.0, 5.0, 0.0], degrees=True).as_matrix() @ T[at, :3, :3]
+            )
+            wrong = readings.with_measured(T_instr_target=T)
+            (fault,) = row_faults(wrong, null.baseline, null.setup.payload, "logged").faults
+            assert fault.kind == "outlier"
+            assert re.search(r"\b(4\.99|5|5\.01) deg off", fault.what)
+
+    def test_labels_exchanged_in_a_campaign_of_a_group_are_told(self, monkeypatch):
+        rng = np.random.default_rng(7)
+        group, T, targets_m = joined(("points", "points"), rng)
+        group = group.ideal(T, targets_m)
+        names, row = group.target_names, int(np.flatnonzero(group.campaign == 1)[0])
+        count = len(names) // 2
+        order = [*range(count), count + 1, count, *range(count + 2, 2 * count)]
+        states = at_rest(np.zeros((len(T), 6)), campaign=group.campaign)
+        readings = Observations.single(np.arange(len(T)).astype(str), states, group)
+        wrong = replace(readings, measured=group.in_order(order)).take([row])
+        model = SimpleNamespace(compared=lambda r: r.measured.compare(T[[row]], targets_m))
+        assert faults_of_rows._exchanged_labels(wrong, model) == {0: tuple(order)}
+        assert faults_of_rows._exchanged_labels(readings.take([row]), model) == {}
 
     def test_a_pose_that_is_off_in_all_its_readings_is_told(self, null):
         readings = complete(null.readings, null.baseline, null.setup)
@@ -268,7 +355,9 @@ def test_readings_that_agree_are_what_the_model_lacks(survey, thrice):
 def test_an_error_of_ten_times_the_scatter_of_repeats_is_found(survey, thrice):
     found = gross_errors(shifted(thrice, [2.5e-4, 0.0, 0.0], 50), survey.baseline)
     np.testing.assert_array_equal(np.flatnonzero(found.excluded), [50])
-    assert found.off_mm[50] == pytest.approx(0.25, abs=0.08)
+    off_mm = 1e3 * np.linalg.norm(found.apart[50, :3])
+    assert off_mm == pytest.approx(0.25, abs=0.08)
+    assert off_in_words(thrice.measured, found.apart[50], found.white[50]) == f"{off_mm:.3g} mm off"
 
 
 def test_what_is_within_the_stated_uncertainty_is_no_gross_error(survey, thrice):

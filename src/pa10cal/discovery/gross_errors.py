@@ -9,7 +9,7 @@ elsewhere.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.ndimage import median_filter
@@ -23,7 +23,7 @@ from pa10cal.discovery.rules import NOISE, ROWS
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.tails import Tails, by_stated, components_seen, confirmed
-from pa10cal.observe.instrument import group_means
+from pa10cal.observe.instrument import Instrument, group_means
 from pa10cal.observe.observations import Observations, average_groups
 from pa10cal.rules import SCATTER
 
@@ -34,14 +34,8 @@ class GrossErrors:
 
     excluded: Mask  # (P,) readings that are not to be averaged
     accused: Mask  # (P,) those of them that no heavy tail of correct data explains
-    times: Array  # (P,) deviation over the usual one
-    off_mm: Array  # (P,) deviation, of the position or distance
-
-    @classmethod
-    def none(cls, count: int) -> GrossErrors:
-        """Return that none of `count` readings has a gross error."""
-        nobody, nothing = np.zeros(count, dtype=bool), np.zeros(count)
-        return cls(nobody, nobody, nothing, nothing)
+    apart: Array  # (P, b) deviations from the other readings of the group, or from the model
+    white: Array  # (P, b) the same over the usual ones
 
 
 def gross_errors(readings: Observations, model: FittedModel) -> GrossErrors:
@@ -62,8 +56,8 @@ def gross_errors(readings: Observations, model: FittedModel) -> GrossErrors:
     return GrossErrors(
         excluded=found.excluded | far,
         accused=found.accused | far,
-        times=np.where(far, times_usual(white, readings), found.times),
-        off_mm=np.where(far, position_mm(readings, of_model), found.off_mm),
+        apart=np.where(alone[:, None], of_model, found.apart),
+        white=np.where(alone[:, None], white, found.white),
     )
 
 
@@ -75,33 +69,26 @@ def _off_repeats(
     The scatter is first that of the stated covariance, then that found from the readings that
     remain, where these are enough. None is within the stated uncertainty of its repeats.
     """
+    nobody = np.zeros(len(readings), dtype=bool)
     if (np.bincount(group)[group] < 2).all():
-        return GrossErrors.none(len(readings))
-    seen, stated = readings.measured.components_seen, readings.measured.stated_covariance
+        return GrossErrors(nobody, nobody, np.zeros_like(of_model), np.zeros_like(of_model))
+    stated = readings.measured.stated_covariance
     still = of_model - moved_between_repeats(readings, of_model, group)
     repeats = _Repeats(readings, still, group)
-    nobody = np.zeros(len(readings), dtype=bool)
     found = repeats.gross_errors(whitener_of(stated), nobody, SCATTER.least_stated)
     try:
-        apart, _ = _less_others(still, group, seen, found.excluded)
-        plain = np.where(found.excluded[:, None], still - apart, still)
+        plain = np.where(found.excluded[:, None], still - found.apart, still)
         noise = noise_of_repeats(readings, -plain, ideal_by_joints(model, readings))
         whitener = whitener_of(noise.cov + SCATTER.least_stated**2 * stated)
     except (DiscoveryError, np.linalg.LinAlgError):
         pass
     else:
         found = repeats.gross_errors(whitener, found.excluded, ROWS.least_noise_share)
-    apart, _ = _less_others(still, group, seen, found.excluded)
-    if _of_one_joint(readings, model, apart, found.excluded):
-        return GrossErrors.none(len(readings))
+    if _of_one_joint(readings, model, found.apart, found.excluded):
+        return replace(found, excluded=nobody, accused=nobody)
     # What is within the stated uncertainty is no gross error, however well the others agree.
-    beyond = times_usual(by_stated(readings, apart), readings) > 1.0
-    return GrossErrors(
-        excluded=found.excluded & beyond,
-        accused=found.accused & beyond,
-        times=found.times,
-        off_mm=position_mm(readings, apart),
-    )
+    beyond = times_usual(by_stated(readings, found.apart), readings) > 1.0
+    return replace(found, excluded=found.excluded & beyond, accused=found.accused & beyond)
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,10 +124,10 @@ class _Repeats:
         limit *= 1.0 + ROWS.scale_error / np.sqrt(float(seen[~(alone | without)].sum()))
         out = self._beyond(limit, whitener / scale[:, None])
         white = self.whitened(whitener, out) / scale
-        times = times_usual(white, readings)
         out &= ~_in_time(out, readings.states.time_s)
         beyond = _beyond_tails(white, readings, ~(alone | out), ~alone)
-        return GrossErrors(out, out & beyond, times, np.zeros(len(readings)))
+        apart, _ = _less_others(self.residual, self.group, seen, out)
+        return GrossErrors(out, out & beyond, apart, white)
 
     def _beyond(self, limit: Array, whitener: Array) -> Mask:
         """Return the readings (P,) whose whitened deviation is longer than their limit (P,).
@@ -189,8 +176,8 @@ def _of_one_joint(readings: Observations, model: FittedModel, apart: Array, out:
     return bool(alike and remaining[joint] <= (1.0 - ROWS.of_a_joint_share) * np.sum(white**2))
 
 
-def poses_off(readings: Observations, model: FittedModel) -> dict[str, tuple[float, float]]:
-    """Return the poses whose averages have a gross error: their deviation [mm], and over the usual.
+def poses_off(readings: Observations, model: FittedModel) -> dict[str, tuple[str, float]]:
+    """Return the poses whose averages have a gross error: how far they are off, and over the usual.
 
     The single readings are without gross errors of their own.
     """
@@ -207,8 +194,10 @@ def poses_off(readings: Observations, model: FittedModel) -> dict[str, tuple[flo
     far &= ~_in_time(far, averages.states.time_s)
     far &= above_noise(averages, of_model, white)
     times = times_usual(white, averages)
-    off_mm = position_mm(averages, of_model)
-    return {str(labels[k]): (float(off_mm[k]), float(times[k])) for k in np.flatnonzero(far)}
+    return {
+        str(labels[k]): (off_in_words(averages.measured, of_model[k], white[k]), float(times[k]))
+        for k in np.flatnonzero(far)
+    }
 
 
 def _whitened(readings: Observations, model: FittedModel, of_model: Array) -> Array:
@@ -288,10 +277,22 @@ def times_usual(white: Array, readings: Observations) -> Array:
     return np.asarray(np.linalg.norm(white, axis=1) / np.sqrt(components))
 
 
-def position_mm(readings: Observations, apart: Array) -> Array:
-    """Return the length (P,) [mm] of deviations (P, b) in positions or distances."""
-    at = readings.measured.position_columns
-    return np.asarray(1e3 * np.linalg.norm(apart[:, at], axis=1))
+def off_in_words(measured: Instrument, apart: Array, white: Array) -> str:
+    """Return how far a reading is off: `0.24 mm off` of position or distance, or `5 deg off`.
+
+    Of position and orientation it is that which is further off, as usual deviations go.
+
+    Args:
+        measured: by the instrument that has its components.
+        apart: (b,) its deviations; of an orientation twice the sine of half the angle.
+        white: (b,) the same over the usual ones.
+    """
+    position = measured.position_columns
+    turned = np.setdiff1d(np.arange(len(apart)), position)
+    if np.linalg.norm(white[turned]) <= np.linalg.norm(white[position]):
+        return f"{1e3 * np.linalg.norm(apart[position]):.3g} mm off"
+    half_sine = min(0.5 * float(np.linalg.norm(apart[turned])), 1.0)
+    return f"{np.degrees(2.0 * np.arcsin(half_sine)):.3g} deg off"
 
 
 def moved_between_repeats(readings: Observations, of_model: Array, group: Index) -> Array:

@@ -3,8 +3,10 @@
 Effects could explain them, or be hidden by them. So they are found before effects are sought, and
 readings with a fault are reported and excluded from noise, noise floor, search and refit.
 
-A load was written down at the wrong reading if that reading shows the load of another configuration
-of its pose, by its torques or its joints that give way, while nearly all others show their own.
+First come exchanged loads: two readings of a pose each show the load that is stated of the other,
+by their torques or their joints that give way, while nearly all other readings show their own. Then
+come gross errors of the readings that remain, exchanged labels among them, and at last poses that
+are off in all their readings.
 """
 
 from __future__ import annotations
@@ -14,6 +16,7 @@ from dataclasses import dataclass, replace
 from itertools import permutations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Array, Mask
@@ -21,8 +24,8 @@ from pa10cal.discovery.gross_errors import (
     GrossErrors,
     above_noise,
     gross_errors,
+    off_in_words,
     poses_off,
-    position_mm,
     times_usual,
 )
 from pa10cal.discovery.log_faults import DiagnosedFault, fault_of_pose
@@ -30,6 +33,7 @@ from pa10cal.discovery.rules import NOISE, ROWS
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import TorqueSource, statics_of, with_torques
 from pa10cal.fit.tails import far_from_prediction
+from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
 from pa10cal.results.discovery import FaultKind
 
@@ -54,9 +58,9 @@ def row_faults(
     gross = gross_errors(others, model)
     excluded[~exchanged] = gross.excluded
     faults += _reading_faults(others, model, gross, "")
-    for pose, (off_mm, times) in poses_off(readings.take(~excluded), model).items():
+    for pose, (off, times) in poses_off(readings.take(~excluded), model).items():
         excluded |= readings.pose == pose
-        what = f"all its readings are {off_mm:.3g} mm off, {times:.3g} times as far as is usual"
+        what = f"all its readings are {off}, {times:.3g} times as far as is usual"
         faults.append(fault_of_pose(pose, what, None, decides=False))
     return RowFaults(excluded, tuple(faults))
 
@@ -69,8 +73,7 @@ def held_out_faults(held_out: Observations, model: FittedModel, fitted: Observat
     far, white = far_from_prediction(held_out, model, fitted)
     of_model = model.compared(held_out).residual
     far &= above_noise(held_out, of_model, white)
-    off_mm = position_mm(held_out, of_model)
-    gross = GrossErrors(far, far, times_usual(white, held_out), off_mm)
+    gross = GrossErrors(far, far, of_model, white)
     return RowFaults(far, tuple(_reading_faults(held_out, model, gross, "held out, ")))
 
 
@@ -82,16 +85,19 @@ def _load_faults(readings: Observations, true_N: Array, gain: Array) -> Iterator
         of_pose = readings.pose == pose
         here = wrong & of_pose
         pairs = sorted(set(zip(stated_N[here].tolist(), true_N[here].tolist(), strict=True)))
-        where = f"pose {pose}, {', '.join(f'{stated:g} N' for stated, _ in pairs)}"
-        if not all(here[of_pose & (stated_N == stated)].all() for stated, _ in pairs):
-            where += f", repeat {', '.join(map(str, np.unique(readings.repeat[here])))}"
-        swapped = {stated for stated, _ in pairs} == {true for _, true in pairs}
-        exchanged = len(pairs) > 1 and swapped
-        what = "the loads seem exchanged: " if exchanged else "the load seems another: "
-        what += "; ".join(f"{stated:g} N stated, {true:g} N told" for stated, true in pairs)
-        remedy = "check which load hung on the arm, and correct load_N there"
-        gained = float(gain[here].sum())
-        yield DiagnosedFault(kind="load", where=where, what=what, remedy=remedy, gain=gained)
+        loads = []
+        for load_N in np.unique(stated_N[here]):
+            of_load = of_pose & (stated_N == load_N)
+            repeats = ", ".join(map(str, np.unique(readings.repeat[here & of_load])))
+            loads.append(f"{load_N:g} N" + ("" if here[of_load].all() else f", repeat {repeats}"))
+        told = "; ".join(f"{stated:g} N stated, {true:g} N told" for stated, true in pairs)
+        yield DiagnosedFault(
+            kind="load",
+            where=f"pose {pose}, {' and '.join(loads)}",
+            what=f"the loads seem exchanged: {told}",
+            remedy="check which load hung on the arm, and correct load_N there",
+            gain=float(gain[here].sum()),
+        )
 
 
 def _reading_faults(
@@ -104,12 +110,13 @@ def _reading_faults(
     rows = np.flatnonzero(gross.accused)
     if not len(rows):
         return
-    names = readings.measured.target_names
+    names, times = readings.measured.target_names, times_usual(gross.white, readings)
     order_of = _exchanged_labels(readings.take(rows), model)
-    total = float(np.sum(gross.times**2)) + len(readings)
+    total = float(np.sum(times**2))
     for k, row in enumerate(rows.tolist()):
+        off = off_in_words(readings.measured, gross.apart[row], gross.white[row])
         kind: FaultKind = "outlier"
-        what = f"{gross.off_mm[row]:.3g} mm off, {gross.times[row]:.3g} times the usual scatter"
+        what = f"{off}, {times[row]:.3g} times the usual scatter"
         remedy = "check the raw reading; measure it again or exclude it"
         if k in order_of:
             moved = " and ".join(names[b] for b, other in enumerate(order_of[k]) if other != b)
@@ -121,24 +128,37 @@ def _reading_faults(
             where=f"{prefix}pose {readings.pose[row]}, {load_N:g} N, repeat {repeat}",
             what=what,
             remedy=remedy,
-            gain=float(gross.times[row] ** 2 / total),
+            gain=float(times[row] ** 2 / total),
             decides=kind == "label",
         )
 
 
 def _exchanged_labels(readings: Observations, model: FittedModel) -> dict[int, tuple[int, ...]]:
     """Return, by row, another order of the targets with which the reading fits far better."""
-    count = len(readings.measured.target_names)
-    orders: dict[int, tuple[int, ...]] = {}
-    if not 2 <= count <= ROWS.most_targets:
-        return orders
-    least = ROWS.exchanged_left_share * np.linalg.norm(model.compared(readings).residual, axis=1)
-    for order in permutations(range(count)):
+    order_of: dict[int, tuple[int, ...]] = {}
+    misfit = np.linalg.norm(model.compared(readings).residual, axis=1)
+    to_beat = ROWS.exchanged_left_share * misfit
+    for order in _orders(readings.measured):
         reordered = replace(readings, measured=readings.measured.in_order(order))
         misfit = np.linalg.norm(model.compared(reordered).residual, axis=1)
-        for k in np.flatnonzero(misfit < least).tolist():
-            orders[k], least[k] = order, misfit[k]
-    return orders
+        for k in np.flatnonzero(misfit < to_beat).tolist():
+            order_of[k], to_beat[k] = order, misfit[k]
+    return order_of
+
+
+def _orders(measured: Instrument) -> Iterator[tuple[int, ...]]:
+    """Yield the orders of all targets that exchange the labels of one campaign.
+
+    None of a campaign with so many targets that there are too many orders to try.
+    """
+    every = tuple(range(len(measured.target_names)))
+    first = 0
+    for _, part in measured.campaigns or (("", measured),):
+        count = len(part.target_names) if part.target_parameters else 0
+        if 2 <= count <= ROWS.most_targets:
+            for own in permutations(every[first : first + count]):
+                yield (*every[:first], *own, *every[first + count :])
+        first += count
 
 
 # Loads that were exchanged between readings of one pose.
@@ -152,61 +172,22 @@ def true_loads(
     And the share (P,) of the squared error of all readings that the exchange removes.
     """
     stated_N = readings.states.load_N
-    nothing = stated_N, np.zeros(len(readings))
-    loads_N = np.unique(stated_N)
-    if payload is None or len(loads_N) < 2 or torques == "none":
-        return nothing
+    as_stated = stated_N, np.zeros(len(readings))
+    if payload is None or len(np.unique(stated_N)) < 2 or torques == "none":
+        return as_stated
     deviation, by_load = _load_rows(readings, model, payload, torques)
-    if not np.any(by_load):
-        return nothing
-    # An error of the pose moves the readings of all its loads.
-    centred = deviation.copy()
-    for pose in np.unique(readings.pose):
-        rows = np.flatnonzero(readings.pose == pose)
-        if len(np.unique(stated_N[rows])) > 1:
-            centred[rows] -= np.median(deviation[rows], axis=0)
+    centred = _less_error_of_pose(deviation, readings.pose, stated_N)
     scale = NOISE.median_to_sigma * np.median(np.abs(centred), axis=0)
     known = scale > 0.0
-    if not known.any():
-        return nothing
     white, columns = centred[:, known] / scale[known], by_load[:, known] / scale[known]
     shown_N = _shown_loads(white, columns, stated_N)
-    # Loads are exchanged between two readings: one that alone shows another load has a large error.
-    true_N = stated_N.copy()
-    for row in np.flatnonzero(shown_N != stated_N):
-        there = (readings.pose == readings.pose[row]) & (stated_N == shown_N[row])
-        if np.any(shown_N[there] == stated_N[row]):
-            true_N[row] = shown_N[row]
+    true_N = np.where(_are_exchanged(shown_N, stated_N, readings.pose), shown_N, stated_N)
     wrong = true_N != stated_N
     if not wrong.any() or wrong.mean() > ROWS.most_slips_share:
-        return nothing
+        return as_stated
     corrected = white - columns * (true_N - stated_N)[:, None]
     gain = np.sum(white**2 - corrected**2, axis=1) / np.sum(white**2)
     return true_N, np.where(wrong, gain, 0.0)
-
-
-def _shown_loads(white: Array, columns: Array, stated_N: Array) -> Array:
-    """Return the load of the campaign that each reading clearly shows, else the stated one, (P,).
-
-    By whitened deviations (P, r) under the stated loads (P,), and their derivative by the load.
-    """
-    information = np.sum(columns**2, axis=1)
-    more_N = np.sum(columns * white, axis=1) / np.maximum(information, np.finfo(float).tiny)
-    # In some postures the load has hardly any effect.
-    scatter = NOISE.median_to_sigma * float(np.median(np.abs(more_N) * np.sqrt(information)))
-    u_N = scatter / np.sqrt(np.maximum(information, np.finfo(float).tiny))
-    before = np.sum(white**2, axis=1)
-    shown_N = stated_N.copy()
-    for load_N in np.unique(stated_N):
-        difference_N = load_N - stated_N
-        allowed_N = ROWS.near_load_share * np.abs(difference_N)
-        after = np.sum((white - columns * difference_N[:, None]) ** 2, axis=1)
-        clear = np.abs(more_N - difference_N) < allowed_N
-        clear &= ROWS.load_known_times * u_N < allowed_N
-        clear &= np.abs(more_N) > ROWS.load_errors * u_N
-        clear &= after < ROWS.load_left_share * before
-        shown_N[clear & (difference_N != 0.0)] = load_N
-    return shown_N
 
 
 def _load_rows(
@@ -231,3 +212,58 @@ def _load_rows(
     step_N = float(np.ptp(states.load_N))
     now = deviation(0.0)
     return now, (now - deviation(step_N)) / step_N
+
+
+def _less_error_of_pose(deviation: Array, pose: NDArray[np.str_], stated_N: Array) -> Array:
+    """Return deviations (P, r) less their median over the readings of a pose.
+
+    An error of the pose moves the readings of all its loads. Those of a pose that was measured
+    under one load stay as they are: no load in it can have been exchanged.
+    """
+    centred = deviation.copy()
+    for each in np.unique(pose):
+        rows = np.flatnonzero(pose == each)
+        if len(np.unique(stated_N[rows])) > 1:
+            centred[rows] -= np.median(deviation[rows], axis=0)
+    return centred
+
+
+def _shown_loads(white: Array, columns: Array, stated_N: Array) -> Array:
+    """Return the load of the campaign that each reading clearly shows, else the stated one, (P,).
+
+    Of several that it may show it is the one that leaves the least error.
+
+    Args:
+        white: (P, r) whitened deviations under the stated loads.
+        columns: (P, r) their derivative by the load.
+        stated_N: (P,) the stated loads.
+    """
+    information = np.sum(columns**2, axis=1)
+    # By least squares the load shown is the stated one and so much more.
+    more_N = np.sum(columns * white, axis=1) / np.maximum(information, np.finfo(float).tiny)
+    # In some postures the load has hardly any effect.
+    scatter = NOISE.median_to_sigma * float(np.median(np.abs(more_N) * np.sqrt(information)))
+    u_N = scatter / np.sqrt(np.maximum(information, np.finfo(float).tiny))
+    shown_N, least = stated_N.copy(), ROWS.load_left_share * np.sum(white**2, axis=1)
+    for load_N in np.unique(stated_N):
+        difference_N = load_N - stated_N
+        allowed_N = ROWS.near_load_share * np.abs(difference_N)
+        left = np.sum((white - columns * difference_N[:, None]) ** 2, axis=1)
+        clear = np.abs(more_N - difference_N) < allowed_N  # never of the stated load itself
+        clear &= ROWS.load_known_times * u_N < allowed_N
+        clear &= np.abs(more_N) > ROWS.load_errors * u_N
+        clear &= left < least
+        shown_N[clear], least[clear] = load_N, left[clear]
+    return shown_N
+
+
+def _are_exchanged(shown_N: Array, stated_N: Array, pose: NDArray[np.str_]) -> Mask:
+    """Return which readings (P,) show the load of another reading of their pose, and it theirs.
+
+    A reading that alone shows another load has a large error.
+    """
+    exchanged = np.zeros(len(pose), dtype=bool)
+    for row in np.flatnonzero(shown_N != stated_N):
+        others = (pose == pose[row]) & (stated_N == shown_N[row])
+        exchanged[row] = np.any(shown_N[others] == stated_N[row])
+    return exchanged

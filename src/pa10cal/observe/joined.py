@@ -216,6 +216,16 @@ class Joined(Instrument):
             for parameter in part.target_parameters
         )
 
+    def in_order(self, order: Sequence[int]) -> Self:
+        """Return the measurements with other labels, which stay within each campaign."""
+        parts, first = [], 0
+        for part in self.parts:
+            count = len(part.target_names) if part.target_parameters else 0
+            own = [target - first for target in order[first : first + count]]
+            parts.append(part.in_order(own) if own else part)
+            first += count
+        return self._with(parts)
+
     def compare(self, T_instr_ee: Array, targets_m: Array) -> Comparison:
         parts = self._by_name(lambda share: share.part.compare(*share.own(T_instr_ee, targets_m)))
         return Comparison(
