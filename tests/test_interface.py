@@ -12,6 +12,11 @@ import pytest
 from python_page import reference
 
 import pa10cal
+from made_up_model import fitted
+from pa10cal.calibration import campaign as calibration_of
+from pa10cal.calibration.options import CalibrationOptions
+from pa10cal.errors import ArmError, CalibrationError, DiscoveryError, ModelError
+from pa10cal.results.calibration import InputFinding
 
 ROOT = Path(__file__).parents[1]
 RAW = ROOT / "data/raw/cell-a"
@@ -65,6 +70,69 @@ def test_its_model_is_enough_by_itself(printed):
     assert 0.0 < found.u_mm[0] < 0.1
     # Straight up the nominal flange is at (0, 0, 1.317) m, and calibration moves it little.
     np.testing.assert_allclose(found.T[0, :3, 3], [0.0, 0.0, 1.317], atol=0.02)
+
+
+@pytest.fixture(scope="module")
+def points():
+    """Return a campaign of targets, as the examples have it."""
+    return pa10cal.read_campaign(ROOT / "examples/irb120-points")
+
+
+@pytest.fixture
+def uncalibrated(monkeypatch):
+    """Fail where a calibration is begun."""
+
+    def begun(*_):
+        raise AssertionError("a calibration was begun")
+
+    monkeypatch.setattr(calibration_of, "calibrated_record", begun)
+
+
+@pytest.mark.parametrize(
+    ("robot", "words"),
+    [("ur10", "it is a model of another arm"), ("irb120", "it has other targets")],
+)
+def test_a_model_that_is_not_of_the_campaign_is_not_searched(points, robot, words):
+    with pytest.raises(CalibrationError, match=f"model: {words}"):
+        pa10cal.discover(points, fitted(robot, 1))
+
+
+def test_effects_of_a_verdict_are_refused_before_anything_is_fitted(points, uncalibrated):
+    with pytest.raises(CalibrationError, match=r"got 'named'.*; list the effects"):
+        pa10cal.calibrate(points, CalibrationOptions(effects="named"))
+
+
+@pytest.mark.parametrize("kind", [str, Path])
+def test_a_prior_may_be_a_file(points, uncalibrated, kind, tmp_path):
+    with pytest.raises(ModelError, match=r"model\.yaml"):
+        pa10cal.calibrate(points, prior=kind(tmp_path / "model.yaml"))
+    path = tmp_path / "model.yaml"
+    fitted("irb120", 1).save(path)
+    with pytest.raises(AssertionError, match="a calibration was begun"):
+        pa10cal.calibrate(points, prior=kind(path))
+
+
+def test_a_load_that_was_not_measured_is_refused(points):
+    with pytest.raises(CalibrationError, match=r"load case: no grid pose .*'44 N'"):
+        pa10cal.calibrate(points, load="44 N")
+
+
+def test_too_few_poses_for_effects_are_explained_by_the_findings(points, monkeypatch):
+    def refuse(*_):
+        raise DiscoveryError("too few", where="poses", allowed="more", remedy="measure more")
+
+    found = InputFinding(what="it is off", where="q2_deg", remedy="mend it", kind="joint_zero")
+    monkeypatch.setattr(calibration_of, "calibrated_record", refuse)
+    monkeypatch.setattr("pa10cal.calibration.input_checks.check_input", lambda *_: (found,))
+    with pytest.raises(DiscoveryError, match=r"too few.*check the input: .*q2_deg"):
+        pa10cal.calibrate(points)
+
+
+def test_a_plan_is_for_an_arm_of_a_file_too(tmp_path):
+    with pytest.raises(ArmError, match=r"/ur10\.yaml"):
+        pa10cal.plan(str(tmp_path / "ur10.yaml"), "pose", 30)
+    with pytest.raises(ArmError, match=r"such as ur11\.yaml$"):
+        pa10cal.load_arm("ur11.yaml")
 
 
 def test_what_is_refused_is_one_kind_of_error(tmp_path):

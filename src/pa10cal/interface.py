@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.read import Campaign
 from pa10cal.campaign.read import read_campaign as read_raw
-from pa10cal.files.arms import load_arm
+from pa10cal.files.arms import arm_asked
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.model_reading import load_model
 from pa10cal.options import BaseFrameOptions, DiscoveryOptions, IngestOptions
@@ -56,9 +56,10 @@ def calibrate(
     options: CalibrationOptions | None = None,
     *,
     load: str = "combined",
-    prior: FittedModel | None = None,
+    prior: FittedModel | Path | str | None = None,
     force: bool = False,
     base_frame: BaseFrameOptions | None = None,
+    discovery: DiscoveryOptions | None = None,
 ) -> FittedModel:
     """Calibrate the arm of a campaign.
 
@@ -69,11 +70,13 @@ def calibrate(
         campaign: from `read_campaign`.
         options: how to calibrate; None for the defaults.
         load: `combined` for all loads together, or a load such as `44N`.
-        prior: a fitted model of the same arm to start from, as after a crash or with a new tool:
-            base, tool and targets are found anew, the rest is expected where the model has it; None
-            for none.
+        prior: a fitted model of the same arm to start from, or its file, as after a crash or with a
+            new tool: base, tool and targets are found anew, the rest is expected where the model
+            has it; None for that of `options.prior`, if there is one.
         force: whether a prior is taken whatever its grade.
         base_frame: what straight-line moves must satisfy; None for the defaults.
+        discovery: how to search, by which the effects of `options.effects` are fitted; None for the
+            defaults.
 
     Returns:
         The calibrated model; `grade` rates it in a word, `fitted_to.health` states the reason and
@@ -81,34 +84,37 @@ def calibrate(
 
     Raises:
         CalibrationError: when there are too few poses, a spring lacks torques, the arm as described
-            does not fit the readings at all, or the prior is of another arm, of these readings,
-            without covariance or of an unsound calibration.
+            does not fit the readings at all, the prior is of another arm, of these readings,
+            without covariance or of an unsound calibration, or `options.effects` is `named`: list
+            the effects.
+        DiscoveryError: when there are too few poses, or too few repeats, to fit effects.
+        ModelError: when the file of the prior cannot be read.
     """
     from pa10cal.calibration.campaign import calibrated_record
     from pa10cal.calibration.input_checks import check_input, explained
     from pa10cal.calibration.load_case import LoadCase
-    from pa10cal.errors import CalibrationError
+    from pa10cal.discovery.given import effects_listed, record_with_effects
+    from pa10cal.errors import CalibrationError, DiscoveryError
     from pa10cal.fit.model_reading import models_of
 
     options = options or CalibrationOptions()
-    prior = prior or (load_model(options.prior) if options.prior else None)
-    if prior is not None:
+    effects = effects_listed(options)
+    prior = prior or options.prior
+    model = load_model(prior) if isinstance(prior, str | Path) else prior
+    if model is not None:
         from pa10cal.calibration.general.other_campaign import refuse_unsound
 
-        refuse_unsound(prior, force=force)
+        refuse_unsound(model, force=force)
     measured = campaign.description, campaign.arm, campaign.observations
     findings = check_input(*measured, options)
-    case = LoadCase(*measured, load, options, findings, prior)
+    case = LoadCase(*measured, load, options, findings, model)
     try:
         record = calibrated_record(case, base_frame)
-        if options.effects:
-            from pa10cal.discovery.given import effects_listed, record_with_effects
-
-            record = record_with_effects(effects_listed(options), record, case, DiscoveryOptions())
-    except CalibrationError as error:
+        record = record_with_effects(effects, record, case, discovery or DiscoveryOptions())
+    except (CalibrationError, DiscoveryError) as error:
         raise explained(error, findings) from None
-    *_, model = models_of(record, campaign.name).values()  # the last one has all that was fitted
-    return model
+    *_, calibrated = models_of(record, campaign.name).values()  # the last is the calibration itself
+    return calibrated
 
 
 def discover(
@@ -123,7 +129,8 @@ def discover(
         campaign: from `read_campaign`; its held-out poses serve nothing but the gap.
         model: from `calibrate`.
         options: how to search; None for the defaults.
-        calibration: the options given to `calibrate`; None for the defaults.
+        calibration: the options given to `calibrate`; None for the defaults. Only the uncertainty
+            of the places of touched balls counts (`apparatus_uncertainty_mm`).
 
     Returns:
         The verdict: `verdict.verdict` in a word, `verdict.effects`, `verdict.model` with the
@@ -132,11 +139,15 @@ def discover(
         and `verdict.model` is the calibrated model.
 
     Raises:
-        CalibrationError: when a joint with a spring has no torque.
+        CalibrationError: when the model is of another arm or of other targets than the campaign, or
+            a joint with a spring has no torque.
     """
+    from pa10cal.calibration.general.other_campaign import refuse_another_arm
     from pa10cal.discovery.discover import discover as search
     from pa10cal.discovery.preparation import setup_of
 
+    refuse_another_arm(model, campaign.arm, "model", "it")
+    _refuse_other_targets(model, campaign)
     setup = setup_of(
         campaign.description,
         campaign.arm,
@@ -144,6 +155,21 @@ def discover(
         options or DiscoveryOptions(),
     )
     return search(campaign.observations, model, setup, campaign.wrong_rows)
+
+
+def _refuse_other_targets(model: FittedModel, campaign: Campaign) -> None:
+    """Refuse a model that has other targets than those that a campaign measured."""
+    from pa10cal.errors import CalibrationError
+
+    coordinates = len(campaign.observations.measured.target_parameters)
+    if len(model.targets_m) != coordinates:
+        raise CalibrationError(
+            "it has other targets than the campaign",
+            where="model",
+            value=f"{len(model.targets_m)} coordinates of targets",
+            allowed=f"a model calibrated with {campaign.name}, which has {coordinates}",
+            remedy="calibrate with this campaign",
+        )
 
 
 def compare(
@@ -175,7 +201,8 @@ def plan(
     """Choose which poses to measure, before any is measured.
 
     Args:
-        robot: the nominal arm, or the name of a shipped one.
+        robot: the nominal arm; the name of a shipped one, or of one in robot_descriptions; or the
+            file of its description (.yaml).
         instrument: what will measure: `pose`, `points`, `distance` or `touch_trigger_cmm`.
         poses: how many.
         options: where arm and instrument may be, what is measured; None for the defaults.
@@ -185,26 +212,29 @@ def plan(
         them as CSV, with a JSON file beside.
 
     Raises:
-        ArmError: for a robot that does not exist.
+        ArmError: for a robot that does not exist, or whose file cannot be used.
         CalibrationError: for an instrument that does not exist, fewer poses than the unknowns of
             the model need, or too few poses within all limits.
     """
     from pa10cal.pose_plan.plan import plan_poses
 
-    arm = load_arm(robot) if isinstance(robot, str) else robot
+    arm = arm_asked(robot) if isinstance(robot, str) else robot
     return plan_poses(arm, instrument, poses, options)
 
 
 def report(results: Path | str, out: Path | str, campaign_dir: Path | str | None = None) -> None:
     """Write the report of a campaign: one page that needs no network.
 
+    Of a folder that holds results of several campaigns, with a page each, it is their overview.
+
     Args:
-        results: results of a campaign, as `pa10cal run` leaves them.
+        results: results of a campaign, as `pa10cal run` leaves them, or the folder of all.
         out: page to write (.html).
         campaign_dir: folder of raw files, for what campaign.yaml says of the instrument.
 
     Raises:
         RecordError: when there are no results of a campaign, or they cannot be read.
+        RawDataError: when `campaign_dir` is not the folder of a campaign.
         OutputError: when the page cannot be written.
     """
     from pa10cal.reports.page import write_page

@@ -78,7 +78,7 @@ def rows_of_load(states: PoseStates, load: str) -> Mask:
             "no grid pose with this load"
             if not rows.any()
             else "no grid pose with this load in some campaigns of the group",
-            where="--load",
+            where="load case",
             value=load,
             allowed=", ".join(load_cases(states)),
             remedy="choose one of the measured loads",

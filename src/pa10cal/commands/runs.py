@@ -203,7 +203,7 @@ def _checked_prior(given: Path, results: Sequence[Path], folder: Path, arms: Pat
     One that is unsound, of another arm than the campaign of a folder, or among the results to be
     made is refused.
     """
-    from pa10cal.calibration.general.other_campaign import refuse_another_arm, refuse_unsound
+    from pa10cal.calibration.general.other_campaign import refuse_as_prior, refuse_unsound
     from pa10cal.campaign.description import nominal_arm, read_description
     from pa10cal.fit.model_reading import load_model, model_file
     from pa10cal.planning.campaign import check_prior
@@ -212,7 +212,7 @@ def _checked_prior(given: Path, results: Sequence[Path], folder: Path, arms: Pat
     model = load_model(given)
     refuse_unsound(model)
     try:
-        refuse_another_arm(model, nominal_arm(read_description(folder), folder, arms))
+        refuse_as_prior(model, nominal_arm(read_description(folder), folder, arms))
     except CalibrationError as error:
         raise error.within(str(given)) from None
     return model_file(given)

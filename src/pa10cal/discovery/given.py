@@ -118,7 +118,8 @@ def effects_listed(options: CalibrationOptions) -> tuple[EffectOfPlace, ...]:
             where="calibration.effects",
             value="named",
             allowed="the extended model of a search, with --named",
-            remedy="give discovery/extended.json with --named, or list the effects",
+            remedy="list the effects; the command calibrate reads them from "
+            "discovery/extended.json, given with --named",
         )
     return options.effects
 

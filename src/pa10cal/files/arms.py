@@ -116,7 +116,7 @@ def _unknown_robot(name: str, folder: Path | None, arms: Path | None) -> ArmErro
     """Return the refusal of a name, with where it was looked for and which name may be meant."""
     shipped, known = arm_names(), known_arm_names()
     allowed = ", ".join(shipped)
-    describe = f"give the file of a description, such as {name}.yaml"
+    describe = f"give the file of a description, such as {name.removesuffix('.yaml')}.yaml"
     if known:
         allowed += f", one of the {len(known)} robots of {PACKAGE}"
     else:

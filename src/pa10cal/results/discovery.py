@@ -174,8 +174,8 @@ class Fault(record.Part):
     where: str  # column, joint, load, pose, row or time
     what: str  # what is wrong and by how much
     remedy: str  # what to do about it
-    # part of the weighted squared error that putting it right takes away; null where that was not
-    # tried
+    # part of the weighted squared error that putting it right takes away, of exchanged loads that
+    # of the torques where these were logged; null where that was not tried
     gain: float | None
 
 

@@ -124,7 +124,7 @@ def prior_of(model: FittedModel, arm: Arm, payload: Payload | None) -> Prior:
     Raises:
         CalibrationError: when the model is of another arm, or its covariance is not known.
     """
-    refuse_another_arm(model, arm)
+    refuse_as_prior(model, arm)
     assert model.covariance is not None
     covariance = model.covariance[: len(model.x), : len(model.x)].copy()
     terms: list[Term] = []
@@ -191,8 +191,30 @@ def _with_windups_at_bound(terms: Sequence[Term], held: Mask, variances: Array) 
     return variances
 
 
-def refuse_another_arm(model: FittedModel, arm: Arm) -> None:
-    """Refuse a model of another arm, or one without covariance.
+def refuse_as_prior(model: FittedModel, arm: Arm) -> None:
+    """Refuse a prior that is a model of another arm, or one without covariance.
+
+    Raises:
+        CalibrationError: see `refuse_another_arm`; or when there is no covariance.
+    """
+    refuse_another_arm(model, arm)
+    if model.covariance is None:
+        raise CalibrationError(
+            "the covariance of the prior is not known",
+            where="prior",
+            value=model.arm.name,
+            allowed="a model with the file of its covariance beside it",
+            remedy="copy model.covariance.npz together with model.yaml, or export it again",
+        )
+
+
+def refuse_another_arm(
+    model: FittedModel, arm: Arm, where: str = "prior", called: str = "the prior"
+) -> None:
+    """Refuse a model of another arm.
+
+    Args:
+        where, called: parameter that it is, and what it is called in the refusal.
 
     Raises:
         CalibrationError: naming the arms, or the rows that differ.
@@ -205,7 +227,7 @@ def refuse_another_arm(model: FittedModel, arm: Arm) -> None:
         if not same
         or not np.allclose(getattr(model.arm, name), getattr(arm, name), 0.0, UNKNOWNS.same_length)
     ]
-    what, value = "the prior is a model of another arm", model.arm.name
+    what, value = f"{called} is a model of another arm", model.arm.name
     if model.arm.name != arm.name:
         allowed = f"a model of {arm.name}"
         remedy = (
@@ -216,13 +238,9 @@ def refuse_another_arm(model: FittedModel, arm: Arm) -> None:
         value = f"{model.arm.name}; its {', '.join(differs)} differ"
         allowed = f"a model of {arm.name} with the same nominal rows"
         remedy = "give a model of the arm that was measured"
-    elif model.covariance is None:
-        what = "the covariance of the prior is not known"
-        allowed = "a model with the file of its covariance beside it"
-        remedy = "copy model.covariance.npz together with model.yaml, or export it again"
     else:
         return
-    raise CalibrationError(what, where="prior", value=value, allowed=allowed, remedy=remedy)
+    raise CalibrationError(what, where=where, value=value, allowed=allowed, remedy=remedy)
 
 
 def _weights(term: Weights, arm: Arm, payload: Payload | None) -> Weights | None:

@@ -69,7 +69,7 @@ def choose_unknowns(
     size = np.linalg.norm(columns, axis=0)
     columns[:, size <= UNKNOWNS.no_column * size.max()] = 0.0
     kept, coefficients = _well_conditioned(columns, _independent(columns), base_count)
-    names = {parameters[k].name for k in kept}
+    names = {parameters[k].name for k in kept}  # no two parameters have one name
     target_count = len(measured.target_parameters)
     targets_kept = [k - targets_at for k in kept if 0 <= k - targets_at < target_count]
     kept_frames = [frame.only(names) for frame in frames]
@@ -108,19 +108,19 @@ def _design_matrix(model: Model, measured: Instrument, start: Start, targets_at:
     """
     # Rows enough for all columns, whatever the instrument measures in one configuration.
     seen = measured.components_seen
-    components = min(seen[part].shape[1] for part in measured.parts_seen)
-    columns = len(model.parameters) + len(measured.target_parameters)
-    count = int(np.ceil(UNKNOWNS.rows_a_column * columns / components))
+    components = min(seen[poses, columns].shape[1] for poses, columns in measured.parts_seen)
+    column_count = len(model.parameters) + len(measured.target_parameters)
+    count = int(np.ceil(UNKNOWNS.rows_a_column * column_count / components))
     states = _random_states(model.chain.arm, max(count, UNKNOWNS.configurations))
     if measured.campaigns:
         # The same states in every campaign of a group that has poses, each with the first reading
         # of that campaign, whose numbers play no part.
-        count, every = len(states), np.arange(len(measured))
+        count, rows = len(states), np.arange(len(measured))
         campaigns = [k for k, (_, part) in enumerate(measured.campaigns) if len(part)]
-        first = np.array([every[poses][0] for poses, _ in measured.parts_seen])
+        first_row = np.array([rows[poses][0] for poses, _ in measured.parts_seen])
         states = states.take(np.tile(np.arange(count), len(campaigns)))
         states = replace(states, campaign=np.repeat(campaigns, count))
-        measured = measured.take(np.repeat(first, count))
+        measured = measured.take(np.repeat(first_row, count))
     predicted = model.predict_with_jacobian(states, np.zeros(len(model.parameters)))
     targets_m, R = start.targets_m, start.T_instr_base[:3, :3]
     T_instr_ee = start.T_instr_base @ predicted.T_base_ee
