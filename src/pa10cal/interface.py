@@ -59,7 +59,6 @@ def calibrate(
     prior: FittedModel | Path | str | None = None,
     force: bool = False,
     base_frame: BaseFrameOptions | None = None,
-    discovery: DiscoveryOptions | None = None,
 ) -> FittedModel:
     """Calibrate the arm of a campaign.
 
@@ -68,15 +67,14 @@ def calibrate(
 
     Args:
         campaign: from `read_campaign`.
-        options: how to calibrate; None for the defaults.
+        options: how to calibrate; None for the defaults. Effects that they list are fitted with the
+            default options of the search.
         load: `combined` for all loads together, or a load such as `44N`.
         prior: a fitted model of the same arm to start from, or its file, as after a crash or with a
             new tool: base, tool and targets are found anew, the rest is expected where the model
             has it; None for that of `options.prior`, if there is one.
         force: whether a prior is taken whatever its grade.
         base_frame: what straight-line moves must satisfy; None for the defaults.
-        discovery: how to search, by which the effects of `options.effects` are fitted; None for the
-            defaults.
 
     Returns:
         The calibrated model; `grade` rates it in a word, `fitted_to.health` states the reason and
@@ -110,7 +108,7 @@ def calibrate(
     case = LoadCase(*measured, load, options, findings, model)
     try:
         record = calibrated_record(case, base_frame)
-        record = record_with_effects(effects, record, case, discovery or DiscoveryOptions())
+        record = record_with_effects(effects, record, case, DiscoveryOptions())
     except (CalibrationError, DiscoveryError) as error:
         raise explained(error, findings) from None
     *_, calibrated = models_of(record, campaign.name).values()  # the last is the calibration itself
