@@ -291,8 +291,8 @@ def off_in_words(measured: Instrument, apart: Array, white: Array) -> str:
     turned = np.setdiff1d(np.arange(len(apart)), position)
     if np.linalg.norm(white[turned]) <= np.linalg.norm(white[position]):
         return f"{1e3 * np.linalg.norm(apart[position]):.3g} mm off"
-    half_sine = min(0.5 * float(np.linalg.norm(apart[turned])), 1.0)
-    return f"{np.degrees(2.0 * np.arcsin(half_sine)):.3g} deg off"
+    sine_of_half = min(float(np.linalg.norm(apart[turned])) / 2.0, 1.0)
+    return f"{np.degrees(2.0 * np.arcsin(sine_of_half)):.3g} deg off"
 
 
 def moved_between_repeats(readings: Observations, of_model: Array, group: Index) -> Array:
