@@ -145,6 +145,7 @@ def without_repeats(
     cov = noise.cov * len(rows) / count
     setup = survey.setup
     problem = EvidenceProblem(
+        calibrated=survey.baseline,
         baseline=survey.baseline,
         setup=setup,
         readings=poses,

@@ -17,18 +17,22 @@ from pa10cal.discovery.rules import EVIDENCE
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import statics_of
 from pa10cal.fit.uncertain_weights import unknown_tool
+from pa10cal.fit.weighed_arm import weighed_model
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import MM
 from pa10cal.options import DiscoveryOptions
 from pa10cal.terms.effects.effect import CandidateContext
 from pa10cal.terms.model import DerivativeCache
+from pa10cal.terms.term import shows_torque
 
 
 @dataclass(frozen=True)
 class EvidenceProblem:
     """A campaign prepared for the search: cells, noise models, and what is known besides."""
 
-    baseline: FittedModel  # the calibrated model
+    calibrated: FittedModel  # the calibrated model
+    # the same, with the weights that the log has less its errors (`_weighed_without_errors`)
+    baseline: FittedModel
     setup: MeasurementSetup  # what is known besides the poses
     readings: Observations  # single readings, with their static loads
     cells: Observations  # the same averaged into cells
@@ -49,7 +53,7 @@ class EvidenceProblem:
 
 def prepare(
     readings: Observations,
-    baseline: FittedModel,
+    calibrated: FittedModel,
     setup: MeasurementSetup,
     about: FittedModel | None = None,
     *,
@@ -61,9 +65,9 @@ def prepare(
 
     Args:
         readings: single readings, with the instrument's covariance.
-        baseline: the calibrated model.
+        calibrated: the calibrated model.
         setup: what is known besides the poses.
-        about: model about which residuals, noise and weights are computed; None for the baseline.
+        about: model about which residuals, noise and weights are computed; None for the calibrated.
         torques_logged: whether torques were logged; else they are those of described masses.
         in_time: motion of base or instrument, subtracted before the noise is estimated.
         moved_between_repeats: (P, b) motion in the components, predicted less measured, subtracted
@@ -72,7 +76,10 @@ def prepare(
     Raises:
         DiscoveryError: when too little is repeated.
     """
-    about = baseline if about is None else about
+    about, baseline = calibrated if about is None else about, calibrated
+    if any(shows_torque(term) and not term.acts_on_joint for term in about.model.terms):
+        baseline = _weighed_without_errors(calibrated, about, complete(readings, calibrated, setup))
+        about = replace(about, model=replace(about.model, chain=baseline.model.chain))
     readings = complete(readings, baseline, setup, about)
     deviation = -about.compared(readings).residual
     if in_time.wander is not None:
@@ -94,6 +101,7 @@ def prepare(
         torque = torque_noise_model(cells, weights, about, setup, noise.torque_Nm, loads_N)
         without_weights_Nm = cells.states.tau_Nm - weights.joint_Nm
     return EvidenceProblem(
+        calibrated=calibrated,
         baseline=baseline,
         setup=setup,
         readings=readings,
@@ -107,6 +115,19 @@ def prepare(
         torques_logged=logged,
         in_time=in_time,
     )
+
+
+def _weighed_without_errors(
+    calibrated: FittedModel, about: FittedModel, readings: Observations
+) -> FittedModel:
+    """Return the calibrated model with the weights of the log less its errors by a model `about`.
+
+    Weights by the log are in its scale, as the springs of the calibrated model. With a wrong scale
+    of a torque as an effect the springs are in the true scale: under weights of the log as it is
+    they would sag too far, and the error itself would be that part of wrong torques.
+    """
+    without = about.model.with_joint_torques(readings.states, about.x)
+    return weighed_model(calibrated, readings.with_states(without))
 
 
 def _most_in_a_cell(readings: Observations, in_time: TimeFindings) -> int:

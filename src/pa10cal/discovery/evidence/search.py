@@ -104,7 +104,7 @@ def refit(
     first = fit(problem, effects, sizes, variances, start, most_steps)
     problem = prepare(
         problem.readings,
-        problem.baseline,
+        problem.calibrated,
         problem.setup,
         first.at,
         torques_logged=problem.torques_logged,
