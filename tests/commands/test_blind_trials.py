@@ -99,7 +99,7 @@ def test_a_reduced_set_is_named_right(reduced, tmp_path):
         ("one effect: a finding that matches no hidden effect", 0, 3),
         ("several effects: all named or in the alternatives", 1, 1),
         ("several effects: nothing extra", 1, 1),
-        ("names of a probability of 0.95 or more: not hidden", 0, 6),
+        ("names of a probability of 0.95 or more: not hidden", 0, 5),
     ):
         assert (found[what]["count"], found[what]["trials"]) == (count, of), what
     alone = found["one effect, separable and large: named alone"]
