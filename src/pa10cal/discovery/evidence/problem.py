@@ -22,8 +22,8 @@ from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import MM
 from pa10cal.options import DiscoveryOptions
 from pa10cal.terms.effects.effect import CandidateContext
+from pa10cal.terms.effects.joint import TorqueGain
 from pa10cal.terms.model import DerivativeCache
-from pa10cal.terms.term import shows_torque
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ def prepare(
         DiscoveryError: when too little is repeated.
     """
     about, baseline = calibrated if about is None else about, calibrated
-    if any(shows_torque(term) and not term.acts_on_joint for term in about.model.terms):
+    if any(term.id == TorqueGain.id for term in about.model.terms):
         baseline = _weighed_without_errors(calibrated, about, complete(readings, calibrated, setup))
         about = replace(about, model=replace(about.model, chain=baseline.model.chain))
     readings = complete(readings, baseline, setup, about)
@@ -124,7 +124,8 @@ def _weighed_without_errors(
 
     Weights by the log are in its scale, as the springs of the calibrated model. With a wrong scale
     of a torque as an effect the springs are in the true scale: under weights of the log as it is
-    they would sag too far, and the error itself would be that part of wrong torques.
+    they would sag too far, and the error itself would be that part of wrong torques. Friction is
+    not in these weights: they were fitted beside it.
     """
     without = about.model.with_joint_torques(readings.states, about.x)
     return weighed_model(calibrated, readings.with_states(without))
