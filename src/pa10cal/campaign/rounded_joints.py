@@ -1,16 +1,15 @@
 """Joint positions that were rounded: to whole counts of an encoder, or to decimals of a unit.
 
-Programmed positions are in round parts of a unit, too, and exact: whether decimals are a rounding,
-the readings decide. An arm with springs is fitted to them, by least squares. What remains must be
-likelier with the errors of a rounding in every joint than with noise alone, and about as likely as
-where any joint may be exact. Effects make errors of joints, too: where what remains is not as large
-as rounding makes it, it must not be explained by those joints alone that show the largest errors.
+Whole counts are told from the positions alone: nobody programs in powers of two. Decimals are not:
+programmed positions are in round parts of a unit, too, and exact. The readings decide. An arm with
+springs is fitted to them by least squares, and what remains is compared under five hypotheses of
+the errors of joints, each beside noise of any size (`_show_rounding`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -19,47 +18,65 @@ from scipy.optimize import minimize
 from pa10cal.arm.chain import TOOL, Chain, end_pose_with_screws
 from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import Payload, statics
-from pa10cal.arrays import Array, drawn
+from pa10cal.arrays import Array, Mask, drawn
 from pa10cal.campaign.joint_positions import in_radians, position_columns
 from pa10cal.campaign.raw_rows import RawRows
 from pa10cal.errors import CalibrationError
+from pa10cal.numerics.least_squares import Linearised, descend
+from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
 
 V = TypeVar("V")
 
-#: Resolutions of encoders that are told from a list of positions [counts a turn]: powers of two, as
-#: programmed positions are in round parts of a degree; few parts of a turn are programmed, too.
-_COUNTS, _FEWEST_COUNTS = 2.0 ** np.arange(17), 256.0
+#: Resolutions of encoders that are sought [counts a turn]: powers of two, as programmed positions
+#: are in round parts of a degree.
+_COUNTS = 2.0 ** np.arange(17)
+#: Fewest counts a turn that an encoder has: eighths of a turn (45 deg) and the like are programmed,
+#: and would else be taken for whole counts of any finer encoder.
+_FEWEST_COUNTS = 256.0
 #: Units in whose decimals positions may be rounded, by the word for them: as columns have them.
 _UNITS_OF_TURNS = {"deg": 1.0, "rad": float(np.degrees(1.0)), "turns": 360.0}
 _UNITS_OF_SLIDES = {"mm": 1.0}
-#: Steps that are told, in these units.
+#: Steps that are sought, in these units.
 _DECIMALS = 10.0 ** -np.arange(7)
-#: Part of a step by which each position may be off it: printed digits (computing).
+#: Part of a step by which a position may be off it: printed digits (computing).
 _OFF_STEP = 0.1
-#: Fewest different positions by which a step is told (level).
+#: Part of the positions that may be off it further: rows that were typed, or interpolated (size).
+_OTHERS = 0.02
+#: Fewest different whole numbers of steps at which an axis stood, by which a step is told: all
+#: positions within a tenth of a step are whole numbers of it (level).
 _FEWEST_POSITIONS = 20
 
-#: Poses to which the arm is fitted, at most, and steps of that fit (computing).
-_MOST_POSES, _STEPS = 300, 3
-#: Poses that leave more than so many times the median square are not compared (size).
-_GROSS = 25.0
-#: A log that leaves so many times what is stated is wrong, and shows no rounding (size).
-_WRONG = 1e3
+#: Poses to which the arm is fitted, at most (computing).
+_MOST_POSES = 300
+#: The fit ends where a step lowers the squares by a smaller part, which is less than a nat of the
+#: likelihoods, or after so many steps (computing).
+_SETTLED, _MOST_STEPS = 1e-4, 30
 #: Singular values below this part of the largest are not determined (computing).
 _NOT_DETERMINED = 1e-6
+#: Poses that leave more than so many times the median square are not compared (size).
+_GROSS = 25.0
+#: A log that leaves so many times what is stated is wrong, as by a reversed joint, and shows no
+#: rounding (size).
+_WRONG = 1e3
+
+#: Errors of joints are sought up to so many times those of rounding (computing).
+_MOST_TIMES = 30.0
+#: Gain in log likelihood that rounding needs over noise alone, and over errors of the joints that
+#: effects may have errors of [nat] (level).
+_GAIN = 10.0
+#: How far rounding in every joint may be below errors of any size, none among them: more than that,
+#: and a joint is exact [nat] (level).
+_MOST_LOST = 8.0
+#: How far errors as large as those of rounding may be below errors of any size: no more than that,
+#: and nothing else is in the joints [nat] (level).
+_AS_LIKELY = 4.0
 #: Joints that effects may have errors of, where positions are exact (chosen).
 _WITH_EFFECTS = 2
-#: Gain in log likelihood that rounding needs, and the most that it may be below that of joints with
-#: errors of any size, where those of no joint are below those of rounding, and where all are as
-#: large [nat] (level).
-_GAIN, _MOST_LOST, _AS_LIKELY = 10.0, 8.0, 4.0
-#: Errors of joints are at most so many times as of rounding (computing).
-_MOST_TIMES = 30.0
 
 
 class DecimalStep(NamedTuple):
-    """A step of which all positions of an axis are whole numbers."""
+    """A step by whole numbers of which the positions of an axis differ."""
 
     words: str  # with the unit of its decimals, as `0.001 rad`
     in_column: float  # in the unit of the axis' column
@@ -67,18 +84,19 @@ class DecimalStep(NamedTuple):
 
 
 def whole_counts(q_deg: Array) -> float:
-    """Return the counts a turn to which all positions (N,) were rounded; 0 for none.
+    """Return the counts a turn to which positions (N,) were rounded; 0 for none.
 
-    The fewest counts of which every position is a whole number.
+    The fewest counts by whole numbers of which they differ; 0 where these are fewer than an encoder
+    has.
     """
     for counts in _COUNTS.tolist():
-        if _are_whole(q_deg, 360.0 / counts):
+        if _differ_by_whole(q_deg, 360.0 / counts):
             return float(counts) if counts >= _FEWEST_COUNTS else 0.0
     return 0.0
 
 
 def decimal_step(q: Array, *, slides: bool) -> DecimalStep | None:
-    """Return the largest decimal step of which all positions (N,) are whole numbers; or None.
+    """Return the largest decimal step by whole numbers of which positions (N,) differ; or None.
 
     In a unit of turns, or in millimetres where the axis slides.
     """
@@ -87,18 +105,20 @@ def decimal_step(q: Array, *, slides: bool) -> DecimalStep | None:
         DecimalStep(f"{decimal:g} {unit}", size * decimal, of_column)
         for unit, size in units.items()
         for decimal in _DECIMALS.tolist()
-        if _are_whole(q, size * decimal)
+        if _differ_by_whole(q, size * decimal)
     ]
     return max(found, key=lambda step: step.in_column, default=None)
 
 
-def _are_whole(q: Array, step: float) -> bool:
-    """Return whether positions (N,) differ by whole steps."""
+def _differ_by_whole(q: Array, step: float) -> bool:
+    """Return whether positions (N,), but for a few, differ by whole steps, and by many of them."""
     positions = np.unique(q)
     if len(positions) < _FEWEST_POSITIONS:
         return False
-    moved = (positions - positions[0]) / step
-    return bool(np.abs(moved - np.round(moved)).max() < _OFF_STEP)
+    moved = (positions - positions[len(positions) // 2]) / step
+    whole = np.abs(moved - np.round(moved)) < _OFF_STEP
+    stood_at = np.unique(np.round(moved[whole]))
+    return len(stood_at) >= _FEWEST_POSITIONS and bool(whole.mean() >= 1.0 - _OTHERS)
 
 
 def axes_in_counts(raw: RawRows, arm: Arm) -> dict[int, float]:
@@ -185,89 +205,60 @@ def with_rounding(
 
 
 def _show_rounding(readings: Observations, chain: Chain, payload: Payload | None, u: Array) -> bool:
-    """Return whether readings show errors of joints as of a rounding, with uncertainties u (n,)."""
-    _, once = np.unique(readings.states.q_rad, axis=0, return_index=True)  # repeats share theirs
-    once = np.sort(once)[drawn(len(once), _MOST_POSES)]
+    """Return whether readings show errors of joints as of a rounding, with uncertainties u (n,).
+
+    Every hypothesis bounds the errors of each joint, in units of u, beside noise of any size.
+    """
     try:
-        left = _Left.of(readings.take(once), chain, payload)
+        remainder = _remainder(_once_each(readings), chain, payload)
     except (CalibrationError, np.linalg.LinAlgError):
         return False  # base and targets are not determined
-    if left is None:
+    if remainder is None:
         return False
-    none, one, most = (np.full(len(u), times) for times in (0.0, 1.0, _MOST_TIMES))
-    by_rounding, _ = left.log_likelihood(u, one, most)
-    of_noise, _ = left.log_likelihood(u, none, none)
-    if by_rounding < of_noise + _GAIN:
-        return False
-    of_any, times = left.log_likelihood(u, none, most)
-    if by_rounding < of_any - _MOST_LOST:
-        return False
-    if left.log_likelihood(u, one, one)[0] > of_any - _AS_LIKELY:
-        return True
-    moved_m = times * u * np.sqrt(np.sum(left.by_joints**2, axis=(0, 1)))
-    with_effects = np.isin(np.arange(len(u)), np.argsort(moved_m)[-_WITH_EFFECTS:])
-    of_effects, _ = left.log_likelihood(u, none, np.where(with_effects, most, 0.0))
-    return by_rounding > of_effects + _GAIN
+    none, as_rounded, any_size = (np.full(len(u), times) for times in (0.0, 1.0, _MOST_TIMES))
+
+    rounded_at_least = remainder.likeliest(u, as_rounded, any_size)
+    noise_alone = remainder.likeliest(u, none, none)
+    if rounded_at_least.log < noise_alone.log + _GAIN:
+        return False  # joints need no errors
+
+    errors_of_any_size = remainder.likeliest(u, none, any_size)
+    if rounded_at_least.log < errors_of_any_size.log - _MOST_LOST:
+        return False  # a joint is exact, as none is that was rounded
+
+    just_rounded = remainder.likeliest(u, as_rounded, as_rounded)
+    if just_rounded.log > errors_of_any_size.log - _AS_LIKELY:
+        return True  # every error is as large as rounding makes it
+
+    # Errors are larger, so there are effects: these alone must not explain what remains.
+    with_effects = remainder.moves_most(errors_of_any_size.times * u)
+    effects_alone = remainder.likeliest(u, none, np.where(with_effects, any_size, none))
+    return rounded_at_least.log > effects_alone.log + _GAIN
 
 
-class _Left(NamedTuple):
-    """What the fitted arm leaves of P poses with b components, less the unknowns that it took."""
+def _once_each(readings: Observations) -> Observations:
+    """Return a reading of each position, of not too many: repeats share their rounding."""
+    _, once = np.unique(readings.states.q_rad, axis=0, return_index=True)
+    return readings.take(np.sort(once)[drawn(len(once), _MOST_POSES)])
+
+
+class _Likeliest(NamedTuple):
+    """The likeliest noise and errors of joints under a hypothesis."""
+
+    log: float  # their log likelihood, but for a constant [nat]
+    times: Array  # (n,) errors of joints, in units of the uncertainties of the hypothesis
+
+
+class _Remainder(NamedTuple):
+    """What a fitted arm leaves of P poses with b components, as large as before the fit."""
 
     residual: Array  # (P, b), zero where not seen
     covariance: Array  # (P, b, b) as stated
     of_kinds: Array  # (c, b) which components are of each kind
     by_joints: Array  # (P, b, n) derivative by errors of the joints
 
-    @classmethod
-    def of(cls, readings: Observations, chain: Chain, payload: Payload | None) -> _Left | None:
-        """Fit links, springs, base, tool and targets; None where too few readings are left."""
-        q_rad, measured = readings.states.q_rad, readings.measured
-        located = measured.locate(chain.forward(q_rad), roughly=True)
-        coordinates, targets_m = chain.coordinates(q_rad), np.zeros(0)
-        if located.T_ee_target is not None:
-            measured = readings.turned(located.T_ee_target[:3, :3]).measured
-            coordinates[:, chain.columns(TOOL[:3])] += located.T_ee_target[:3, 3]
-        elif located.p_ee_targets_m is not None:
-            targets_m = located.p_ee_targets_m.ravel()
-        R, joints = located.T_instr_base[:3, :3], chain.joint_columns
-        torque = _relative_torques(readings, chain, payload)
-        root = np.linalg.inv(np.linalg.cholesky(measured.stated_covariance))
-        for _ in range(_STEPS):
-            end = end_pose_with_screws(chain, coordinates)
-            seen = measured.compare(located.T_instr_base @ end.T, targets_m)
-            turned = np.concatenate([R @ end.screws[:, :3], R @ end.screws[:, 3:]], axis=1)
-            moved = seen.by_end @ turned
-            by_springs = moved[:, :, joints] * torque[:, None]
-            columns = np.concatenate([moved, by_springs, seen.by_targets], axis=2)
-            rows = (root @ columns).reshape(-1, columns.shape[2])
-            wanted = -(root @ seen.residual[:, :, None]).ravel()
-            step, _, rank, _ = np.linalg.lstsq(rows, wanted, rcond=_NOT_DETERMINED)
-            of_chain, of_springs, of_targets = np.split(
-                step, [moved.shape[2], moved.shape[2] + len(joints)]
-            )
-            coordinates += of_chain
-            coordinates[:, joints] += torque * of_springs
-            targets_m = targets_m + of_targets
-        residual = seen.residual + columns @ step
-        spare = 1.0 - rank / np.count_nonzero(measured.components_seen)
-        if spare <= 0.0:
-            return None
-        square = np.sum((root @ residual[:, :, None])[..., 0] ** 2, axis=1)
-        if np.median(square) > _WRONG**2 * residual.shape[1]:  # as by a reversed joint
-            return None
-        usual = square <= _GROSS * np.median(square)
-        kinds = np.zeros((len(measured.component_kinds), residual.shape[1]), dtype=bool)
-        for kind, (_, columns_of_kind) in zip(kinds, measured.component_kinds, strict=True):
-            kind[columns_of_kind] = True
-        return cls(
-            residual[usual] / np.sqrt(spare),
-            measured.stated_covariance[usual],
-            kinds,
-            moved[usual][:, :, joints],
-        )
-
-    def log_likelihood(self, u: Array, least: Array, most: Array) -> tuple[float, Array]:
-        """Return the largest log likelihood of noise of any size and errors of joints, and these.
+    def likeliest(self, u: Array, least: Array, most: Array) -> _Likeliest:
+        """Return the likeliest noise of any size, by kind of component, and errors of joints.
 
         Args:
             u: (n,) standard uncertainties of the joints.
@@ -293,7 +284,115 @@ class _Left(NamedTuple):
         start = np.concatenate([np.zeros(kinds), np.clip(1.0, least, most)])
         bounds = [(-5.0, 10.0)] * kinds + list(zip(least, most, strict=True))
         found = minimize(cost, start, jac=True, bounds=bounds, method="L-BFGS-B")
-        return -float(found.fun), np.asarray(found.x[kinds:])
+        return _Likeliest(-float(found.fun), np.asarray(found.x[kinds:]))
+
+    def moves_most(self, errors: Array) -> Mask:
+        """Return which joints (n,) move the readings most by their errors, in stated noise."""
+        stated = np.linalg.cholesky(self.covariance)
+        moved = np.linalg.solve(stated, self.by_joints) * errors
+        largest = np.argsort(np.sum(moved**2, axis=(0, 1)))[-_WITH_EFFECTS:]
+        return np.isin(np.arange(len(errors)), largest)
+
+
+def _remainder(readings: Observations, chain: Chain, payload: Payload | None) -> _Remainder | None:
+    """Return what a fitted arm leaves; None where too few readings are left, or a log is wrong.
+
+    Raises:
+        CalibrationError: when the poses do not determine where base and targets are.
+    """
+    fit, start = _ArmFit.begun(readings, chain, payload)
+    at, there = descend(start, fit.linearise, fit.moved, _SETTLED, _MOST_STEPS)
+    measured = fit.measured
+    sizes = np.linalg.svd(there.by_step, compute_uv=False)
+    fitted = np.count_nonzero(sizes > _NOT_DETERMINED * sizes[0])
+    free_share = 1.0 - fitted / np.count_nonzero(measured.components_seen)
+    if free_share <= 0.0:
+        return None
+    residual, by_chain, _ = fit.compare(at)
+    square = np.sum(there.residual.reshape(residual.shape) ** 2, axis=1)
+    if np.median(square) > _WRONG**2 * residual.shape[1]:
+        return None
+    usual = square <= _GROSS * np.median(square)
+    of_kinds = np.zeros((len(measured.component_kinds), residual.shape[1]), dtype=bool)
+    for of_kind, (_, columns) in zip(of_kinds, measured.component_kinds, strict=True):
+        of_kind[columns] = True
+    return _Remainder(
+        residual[usual] / np.sqrt(free_share),  # of so much the fit took its share
+        measured.stated_covariance[usual],
+        of_kinds,
+        by_chain[usual][:, :, chain.joint_columns],
+    )
+
+
+class _Fitted(NamedTuple):
+    """A point of the fit."""
+
+    coordinates: Array  # (P, m) of the chain at the poses, with what springs turn
+    targets_m: Array  # (t,) coordinates of the targets in the end-effector frame
+
+
+@dataclass(frozen=True, eq=False)
+class _ArmFit:
+    """A fit of links, springs, base, tool and targets to P poses.
+
+    Its unknowns are errors of the m coordinates of the chain, turns of the n springs, and t
+    coordinates of targets.
+    """
+
+    chain: Chain
+    measured: Instrument
+    T_instr_base: Array  # (4, 4) about; the chain has the motions of the base
+    torque: Array  # (P, n) by which springs turn joints, at most 1
+    whitening: Array  # (P, b, b) by which stated noise has unit covariance
+
+    @classmethod
+    def begun(
+        cls, readings: Observations, chain: Chain, payload: Payload | None
+    ) -> tuple[_ArmFit, _Fitted]:
+        """Return the fit, and where it begins: the nominal arm, placed by the readings.
+
+        Raises:
+            CalibrationError: when the poses do not determine where base and targets are.
+        """
+        q_rad, measured = readings.states.q_rad, readings.measured
+        located = measured.locate(chain.forward(q_rad), roughly=True)
+        coordinates, targets_m = chain.coordinates(q_rad), np.zeros(0)
+        if located.T_ee_target is not None:
+            measured = measured.turned(located.T_ee_target[:3, :3])
+            coordinates[:, chain.columns(TOOL[:3])] += located.T_ee_target[:3, 3]
+        elif located.p_ee_targets_m is not None:
+            targets_m = located.p_ee_targets_m.ravel()
+        torque = _relative_torques(readings, chain, payload)
+        whitening = np.linalg.inv(np.linalg.cholesky(measured.stated_covariance))
+        fit = cls(chain, measured, located.T_instr_base, torque, whitening)
+        return fit, _Fitted(coordinates, targets_m)
+
+    def compare(self, at: _Fitted) -> tuple[Array, Array, Array]:
+        """Return residuals (P, b), predicted less measured, and their derivatives.
+
+        By the coordinates of the chain (P, b, m), and by those of the targets (P, b, t).
+        """
+        end, R = end_pose_with_screws(self.chain, at.coordinates), self.T_instr_base[:3, :3]
+        seen = self.measured.compare(self.T_instr_base @ end.T, at.targets_m)
+        screws = np.concatenate([R @ end.screws[:, :3], R @ end.screws[:, 3:]], axis=1)
+        return seen.residual, seen.by_end @ screws, seen.by_targets
+
+    def linearise(self, at: _Fitted) -> Linearised:
+        """Return the problem at a point, in stated noise."""
+        residual, by_chain, by_targets = self.compare(at)
+        by_springs = by_chain[:, :, self.chain.joint_columns] * self.torque[:, None]
+        columns = self.whitening @ np.concatenate([by_chain, by_springs, by_targets], axis=2)
+        return Linearised(
+            columns.reshape(-1, columns.shape[2]), -(self.whitening @ residual[:, :, None]).ravel()
+        )
+
+    def moved(self, at: _Fitted, step: Array) -> _Fitted:
+        """Return the point after a step of the unknowns."""
+        m, joints = at.coordinates.shape[1], self.chain.joint_columns
+        by_chain, by_springs, by_targets = np.split(step, [m, m + len(joints)])
+        coordinates = at.coordinates + by_chain
+        coordinates[:, joints] += self.torque * by_springs
+        return _Fitted(coordinates, at.targets_m + by_targets)
 
 
 def _relative_torques(readings: Observations, chain: Chain, payload: Payload | None) -> Array:

@@ -1,0 +1,142 @@
+"""Positions in whole counts of encoders, and in decimals that are a rounding or a program."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from made_up_poses import at_rest
+from made_up_sightings import sighted
+from pa10cal.arm.chain import Chain
+from pa10cal.campaign.rounded_joints import DecimalStep, decimal_step, whole_counts, with_rounding
+from pa10cal.files.arms import load_arm
+from pa10cal.observe.observations import JointLog, Observations
+from pa10cal.observe.points import Points
+from spoiling import ingest, with_columns
+
+
+def test_whole_counts_of_encoders_are_as_uncertain_as_their_rounding(tmp_path):
+    raw, u_deg = sighted(tmp_path, "points", poses=60), 360.0 / 4096 / np.sqrt(12.0)
+    before = ingest(raw)
+    assert not before.observations.log.q_u_stated.any()
+    first = raw.column("q1_deg")
+    for k in range(1, len(raw.poses)):
+        words = raw.poses[k].split(",")
+        counts = np.round(np.array(words[first : first + 6], dtype=float) * 4096 / 360.0)
+        words[first : first + 6] = [f"{count * 360.0 / 4096:.5f}" for count in counts]
+        raw.poses[k] = ",".join(words)
+    rounded = list(raw.poses)
+    for k in range(1, len(raw.poses), 3):
+        words = raw.poses[k].split(",")
+        words[first] = f"{float(words[first]) + 360.0 / 8192:.5f}"
+        raw.poses[k] = ",".join(words)
+    told = [note.partition(" deg")[0] for note in ingest(raw).notes if "whole counts" in note]
+    assert len(told) == 2
+    assert told[0].startswith("q1: positions are whole counts of encoders (8192 a turn)")
+    assert told[1].startswith("q2, q3, q4, q5, q6: positions are whole counts of encoders (4096 a")
+    raw.poses = rounded
+    found = ingest(raw)
+    np.testing.assert_allclose(found.observations.log.q_u_stated, np.radians(u_deg))
+    assert any("whole counts of encoders (4096 a turn)" in note for note in found.notes)
+    more = found.observations.measured.stated_covariance
+    assert np.trace(more, axis1=1, axis2=2).mean() > 0.0
+    with_columns(raw.poses, {f"u_q{joint}_deg": 0.01 for joint in range(1, 7)})
+    stated = ingest(raw).observations.log.q_u_stated
+    np.testing.assert_allclose(stated, np.radians(0.01))  # what is stated counts
+
+
+@pytest.mark.parametrize("step_deg", [0.1, 0.5, 11.25, 45.0])
+def test_programmed_positions_in_round_parts_of_a_degree_are_exact(step_deg):
+    positions = step_deg * np.random.default_rng(1).integers(-1000, 1000, 200)
+    assert whole_counts(positions) == 0.0
+    assert whole_counts(360.0 / 1024 * np.arange(200)) == 1024.0
+    assert whole_counts(360.0 / 1024 * np.arange(10)) == 0.0
+
+
+def _with_positions(raw, arm, q_logged_deg, q_true_rad, noise_m=3e-5):
+    """Write other joint positions, and readings of the targets at the true ones."""
+    first, at = raw.column("q1_deg"), raw.column("T1_x_mm")
+    T_base_ee = Chain.of(arm).forward(q_true_rad)
+    on_ee = np.column_stack([raw.p_ee_m, np.ones(len(raw.p_ee_m))])
+    p_m = np.einsum("ij,pjk,bk->pbi", raw.T_instr_base, T_base_ee, on_ee)[..., :3]
+    p_m += noise_m * np.random.default_rng(2).standard_normal(p_m.shape)
+    for k, (q_deg, p) in enumerate(zip(q_logged_deg, p_m, strict=True), start=1):
+        words = raw.poses[k].split(",")
+        words[first : first + 6] = [f"{each:.6f}" for each in q_deg]
+        words[at : at + 9] = [f"{1e3 * each:.4f}" for each in p.ravel()]
+        raw.poses[k] = ",".join(words)
+
+
+@pytest.mark.parametrize(
+    ("unit_deg", "words"), [(1.0, "0.1 deg"), (np.degrees(0.01), "0.001 rad"), (3.6, "0.001 turns")]
+)
+def test_decimals_are_a_rounding_where_the_readings_show_it(tmp_path, unit_deg, words):
+    raw, arm = sighted(tmp_path, "points", poses=60), load_arm("ur10")
+    step_deg = 0.1 * unit_deg
+    true_deg = np.degrees(raw.q)
+    logged_deg = step_deg * np.round(true_deg / step_deg)
+    _with_positions(raw, arm, logged_deg, raw.q)
+    found = ingest(raw)
+    (told,) = [warning for warning in found.warnings if "rounded" in warning]
+    assert told.startswith(f"q1, q2, q3, q4, q5, q6: joint positions are rounded to {words}, as")
+    u_rad = np.radians(step_deg) / np.sqrt(12.0)
+    np.testing.assert_allclose(found.observations.log.q_u_stated, u_rad)
+    _with_positions(raw, arm, logged_deg, np.radians(logged_deg))
+    exact = ingest(raw)
+    assert not exact.observations.log.q_u_stated.any()
+    assert not [warning for warning in exact.warnings if "rounded" in warning]
+
+
+def test_exact_positions_in_decimals_stay_exact_beside_an_effect(tmp_path):
+    raw, arm = sighted(tmp_path, "points", poses=60), load_arm("ur10")
+    logged_deg = np.round(np.degrees(raw.q), 2)
+    q = np.radians(logged_deg)
+    q[:, 1] += 5e-4 * np.sin(q[:, 1] + 0.4)
+    q[:, 3] += 5e-4 * np.sin(2.0 * q[:, 3])
+    _with_positions(raw, arm, logged_deg, q)
+    assert not ingest(raw).observations.log.q_u_stated.any()
+
+
+@pytest.mark.parametrize("span_deg", [300.0, 34.0, 5.0])
+def test_a_step_is_told_of_an_axis_that_moves_little(span_deg):
+    q_deg = np.random.default_rng(1).uniform(10.0, 10.0 + span_deg, 100)
+    assert whole_counts(np.round(q_deg * 8192 / 360.0) * 360.0 / 8192) == 8192.0
+    assert decimal_step(np.round(q_deg, 2), slides=False) == DecimalStep("0.01 deg", 0.01, "deg")
+    assert decimal_step(q_deg, slides=False) is None
+    q_mm = np.round(q_deg / span_deg, 3)  # moves by 1 mm
+    assert decimal_step(q_mm, slides=True) == DecimalStep("0.001 mm", 0.001, "mm")
+    assert decimal_step(0.01 * q_deg / span_deg, slides=True) is None
+
+
+def test_a_row_that_was_typed_does_not_hide_the_step_of_all_others():
+    counts = np.random.default_rng(1).integers(-2000, 2000, 100)
+    for step, told in (
+        (360.0 / 4096, whole_counts),
+        (0.01, lambda q: decimal_step(q, slides=False)),
+    ):
+        q_deg = step * counts
+        of_all = told(q_deg)
+        q_deg[7] += 0.4 * step
+        assert told(q_deg) == of_all
+        q_deg[:10] += 0.37 * step
+        assert told(q_deg) != of_all
+
+
+@pytest.mark.parametrize(("exact", "seed"), [(False, 8), (False, 9), (True, 8)])
+def test_a_target_on_the_last_axis_shows_a_rounding_too(exact, seed):
+    """Its readings say little of that joint, and of what turns with it."""
+    rng, arm = np.random.default_rng(seed), load_arm("ur10")
+    q_deg = rng.uniform(-150.0, 150.0, (120, 6))
+    logged = np.radians(np.round(q_deg, 1))
+    T = Chain.of(arm).forward(logged if exact else np.radians(q_deg))
+    p_m = T[:, :3, 3] + 0.05 * T[:, :3, 2] + rng.normal(0.0, 3e-5, (120, 3))
+    cov_m2 = np.tile(2.5e-9 * np.eye(3), (120, 1, 1, 1))
+    measured = Points(("T1",), p_m[:, None], cov_m2, None)
+    readings = Observations.single(np.arange(120).astype(str), at_rest(logged), measured)
+    unknown = np.full((120, 6), np.nan)
+    log = JointLog(unknown, unknown, np.zeros(120, dtype=np.int64))
+    readings = replace(readings, log=log)
+    steps = dict.fromkeys(range(6), DecimalStep("0.1 deg", 0.1, "deg"))
+    assert with_rounding(readings, steps, arm, None)[1] == ({} if exact else steps)
