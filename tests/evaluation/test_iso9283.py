@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -15,6 +16,7 @@ from pa10cal.evaluation.iso9283 import iso9283_record, repeatability
 from pa10cal.evaluation.model_errors import held_out_errors
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.observe.joined import concatenated
 from pa10cal.observe.observations import Observations, average_repeats
 from pa10cal.observe.points import Distance, Points
 from pa10cal.rules import COMPARED
@@ -48,7 +50,6 @@ def test_repeatability_of_angles_is_three_standard_deviations_about_each_axis():
 def repeated(repeats, *, arrival=1.0):
     """Two configurations, the first attained (0, 0, 3) mm off and repeated; the second once."""
     arm = load_arm("pa10_6ce")
-    model = FittedModel(Model(Chain.of(arm), ()), np.zeros(0), np.eye(4))
     q_rad = np.repeat([[0.3, 0.2, 0.5, 0.1, 0.4, 0.2], [0.1] * 6], [repeats, 1], axis=0)
     T = Chain.of(arm).forward(q_rad)
     along = np.zeros(repeats)
@@ -59,7 +60,14 @@ def repeated(repeats, *, arrival=1.0):
     arrivals[0] = arrival
     labels = np.array(["P1"] * repeats + ["P2"])
     every = measured_poses(labels, at_rest(q_rad, arrival=arrivals), T, np.zeros((len(T), 6, 6)))
-    return every, {"grid": {"linear": held_out_errors(model, average_repeats(every))}}
+    return every, judged(every)
+
+
+def judged(every):
+    """Return the errors of the nominal arm."""
+    chain = Chain.of(load_arm("pa10_6ce"))
+    model = FittedModel(Model(chain, ()), np.zeros(0), np.eye(4))
+    return {"grid": {"linear": held_out_errors(model, average_repeats(every))}}
 
 
 def test_accuracy_is_the_mean_attained_less_the_commanded_pose():
@@ -76,10 +84,45 @@ def test_accuracy_is_the_mean_attained_less_the_commanded_pose():
     assert of.AP_largest_deg == pytest.approx(0.0, abs=1e-6)
 
 
-@pytest.mark.parametrize(("arrival", "alone"), [(1.0, True), (-1.0, False)])
+@pytest.mark.parametrize(
+    ("arrival", "alone"),
+    [(1.0, True), (-1.0, False), (0.0, True)],  # unknown in one repeat
+)
 def test_says_whether_joints_arrived_from_one_side(arrival, alone):
     found = iso9283_record(CAMPAIGN, "combined", *repeated(6, arrival=arrival), np.eye(3))
     assert found.repeatability.one_direction.tolist() == [alone]
+
+
+@pytest.mark.parametrize(("timed", "alone"), [(False, None), (True, [False])])
+def test_without_a_log_of_directions_the_order_of_poses_tells_them_or_nothing(timed, alone):
+    repeats, elsewhere = 6, np.array([[0.8, 0.7, 1.0, 0.6, 0.9, 0.7], [-0.2] * 6] * 3)
+    q_rad = np.empty((2 * repeats, 6))
+    q_rad[::2], q_rad[1::2] = elsewhere, [0.3, 0.2, 0.5, 0.1, 0.4, 0.2]
+    labels = np.full(2 * repeats, "P0")
+    labels[::2] = [f"P{k}" for k in range(1, repeats + 1)]
+    time_s = 10.0 * np.arange(2 * repeats) if timed else np.zeros(2 * repeats)
+    T = Chain.of(load_arm("pa10_6ce")).forward(q_rad)
+    states = at_rest(q_rad, time_s=time_s)
+    every = measured_poses(labels, states, T, np.zeros((len(T), 6, 6)))
+    found = iso9283_record(CAMPAIGN, "combined", every, judged(every), np.eye(3)).repeatability
+    assert found.pose.tolist() == ["P0"]
+    assert (found.one_direction is None) if alone is None else found.one_direction.tolist() == alone
+
+
+def test_a_group_has_the_orientations_of_its_campaigns_or_why_there_is_nothing():
+    every, _ = repeated(6)
+    parts = [replace(every, pose=np.char.add(f"{name}/", every.pose)) for name in "ab"]
+    group = concatenated(parts, ("a", "b"))
+    found = iso9283_record(CAMPAIGN, "combined", group, judged(group), np.eye(3))
+    alone = iso9283_record(CAMPAIGN, "combined", every, judged(every), np.eye(3))
+    np.testing.assert_allclose(found.repeatability.RP_deg, [alone.repeatability.RP_deg[0]] * 2)
+    states = at_rest(np.zeros((6, 6)))
+    blind = [
+        Observations.single(np.full(6, f"{name}/P"), states, Distance(np.ones(6), np.ones(6)))
+        for name in "ab"
+    ]
+    note = iso9283_record(CAMPAIGN, "combined", concatenated(blind, ("a", "b")), {}, np.eye(3)).note
+    assert "a distance alone" in note
 
 
 def test_says_why_there_is_none():

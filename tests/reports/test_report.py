@@ -346,6 +346,9 @@ def test_repeats_give_accuracy_and_repeatability_before_and_after(copied, page):
     assert "RP 0.021 0.021 – –" in found
     assert "joints arrived from either side in 1 configuration" in found
     assert "30 repeats" not in found
+    unknown = made.repeatability.model_copy(update={"one_direction": None})
+    write(made.model_copy(update={"repeatability": unknown}), copied / "evaluation/iso9283.json")
+    assert "it is not known from which side joints arrived" in page(copied).text
 
 
 def test_a_group_lasts_as_long_as_its_campaigns_and_its_frame_is_of_the_first(copied, page):

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arrays import Array
-from pa10cal.observe.observations import Observations, measured_as_poses, reading_groups
+from pa10cal.observe.arrivals import with_arrivals
+from pa10cal.observe.observations import Observations, reading_groups
 from pa10cal.results import evaluation as results
 from pa10cal.results.record import CampaignIdentity
 from pa10cal.rules import COMPARED
@@ -50,31 +51,31 @@ def iso9283_record(
 ) -> results.Iso9283Record:
     """Return accuracy under every model and repeatability of every configuration repeated enough.
 
-    Models were judged on every configuration, by kind of poses and name; rotations are given along
-    the axes of the base (3, 3).
+    Configurations of a kind of poses have numbers by `reading_groups`, which are those of the rows
+    of a `HeldOutModel`, too.
+
+    Args:
+        campaign: whose poses they are.
+        calibration: load case of the calibration.
+        every: single readings of all kinds.
+        judged: errors of every configuration, by kind of poses and name of the model.
+        R_instr_base: (3, 3); rotations are given along the axes of the base.
     """
     readings = {kind: every.of_kind(kind) for kind in judged}
     groups = {kind: reading_groups(single) for kind, single in readings.items()}
     chosen = {kind: _repeated(readings[kind], code) for kind, code in groups.items()}
-    note = None
-    if not every.measured.directional:
-        note = "a distance alone shows neither the position nor the orientation attained"
-    elif not any(map(len, chosen.values())):
-        note = f"no configuration has {COMPARED.least_repeats} repeats"
-        if any(
-            len(code) and np.bincount(code).max() >= COMPARED.least_repeats
-            for code in groups.values()
-        ):
-            note = "no target was observed in all repeats of a configuration"
     about = {"campaign": campaign.name, "provenance": campaign.provenance}
-    if note is not None:
+    if note := _why_none(every, groups, chosen):
         return results.Iso9283Record(**about, calibration=calibration, note=note)
+    arrivals = with_arrivals(every)[0]
     repeated = [
         row
         for kind, rows in chosen.items()
-        for row in _repeatability(kind, readings[kind], groups[kind], rows, R_instr_base)
+        for row in _repeatability(kind, arrivals.of_kind(kind), groups[kind], rows, R_instr_base)
     ]
-    names = list(judged[next(kind for kind, rows in chosen.items() if len(rows))])
+    if any(row["one_direction"] is None for row in repeated):  # a column is known as a whole
+        repeated = [row | {"one_direction": None} for row in repeated]
+    names = list(next(iter(judged.values())))  # every kind was judged by the same models
     return results.Iso9283Record(
         **about,
         calibration=calibration,
@@ -86,13 +87,32 @@ def iso9283_record(
     )
 
 
+def _why_none(
+    every: Observations,
+    groups: Mapping[str, NDArray[np.intp]],
+    chosen: Mapping[str, NDArray[np.intp]],
+) -> str | None:
+    """Return why there is neither accuracy nor repeatability; None where there is.
+
+    Args:
+        groups: number of the configuration of each reading, by kind.
+        chosen: numbers of those repeated enough, by kind.
+    """
+    if not every.measured.directional:
+        return "a distance alone shows neither the position nor the orientation attained"
+    if any(map(len, chosen.values())):
+        return None
+    most = max((np.bincount(code).max() for code in groups.values() if len(code)), default=0)
+    if most >= COMPARED.least_repeats:
+        return "no target was observed in all repeats of a configuration"
+    return f"no configuration has {COMPARED.least_repeats} repeats"
+
+
 def _repeated(single: Observations, code: NDArray[np.intp]) -> NDArray[np.intp]:
     """Return the configurations with enough repeats that all see one target at least."""
     if not len(code) or not single.measured.directional:
         return np.zeros(0, dtype=np.intp)
     enough = np.flatnonzero(np.bincount(code) >= COMPARED.least_repeats)
-    if single.measured.measures_pose:
-        return enough
     seen = np.isfinite(single.measured.places_m)
     in_all = [row for row in enough if seen[code == row].all(axis=(0, 2)).any()]
     return np.array(in_all, dtype=np.intp)
@@ -105,10 +125,13 @@ def _repeatability(
     rows: NDArray[np.intp],
     R_instr_base: Array,
 ) -> Iterator[dict[str, Any]]:
-    """Yield the rows of configurations, by the keys of `RepeatabilityRows`."""
-    positions_m, R = single.measured.places_m, None
-    if single.measured.measures_pose:
-        R = R_instr_base.T @ measured_as_poses(single).measured.T_instr_target[:, :3, :3]
+    """Yield the rows of configurations, by the keys of `RepeatabilityRows`.
+
+    Of several targets the mean of those is taken that all repeats see.
+    """
+    positions_m, R = single.measured.places_m, single.measured.attitudes
+    if R is not None:
+        R = R_instr_base.T @ R
     for row in rows:
         at = code == row
         p_m = positions_m[at]
@@ -120,17 +143,28 @@ def _repeatability(
             "pose": single.pose[at][0],
             "load_N": single.states.load_N[at][0],
             "repeats": int(at.sum()),
-            # whether every joint arrived from the same side in all repeats, as far as known
-            "one_direction": bool((np.ptp(single.states.arrival[at], axis=0) == 0.0).all()),
+            "one_direction": _one_direction(single.states.arrival[at]),
             "RP_mm": RP_mm,
             "RP_deg": RP_deg,
         }
 
 
+def _one_direction(arrival: Array) -> bool | None:
+    """Return whether joints arrived from one side each in repeats (N, n), where that is known.
+
+    None where no direction is.
+    """
+    if not arrival.any():
+        return None
+    return not np.any((arrival > 0.0).any(axis=0) & (arrival < 0.0).any(axis=0))
+
+
 def _accuracy(parts: list[tuple[results.HeldOutModel, NDArray[np.intp]]]) -> results.PoseAccuracy:
+    """Return the accuracy of one model, by its errors in each kind of poses and rows of these."""
+
     def column(name: str) -> NDArray[Any] | None:
         columns = [(getattr(model.rows, name), rows) for model, rows in parts if len(rows)]
-        if columns[0][0] is None:
+        if any(values is None for values, _ in columns):
             return None
         return np.concatenate([values[rows] for values, rows in columns])
 
@@ -146,7 +180,7 @@ def _accuracy(parts: list[tuple[results.HeldOutModel, NDArray[np.intp]]]) -> res
             pose=column("pose"),
             load_N=column("load_N"),
             AP_mm=AP_mm,
-            AP_xyz_mm=-off_mm,
+            AP_xyz_mm=-off_mm,  # attained less commanded; errors are predicted less measured
             AP_deg=None if turned_deg is None else -turned_deg,
         ),
     )

@@ -156,6 +156,10 @@ class Joined(Instrument):
         return self.instruments_m
 
     @property
+    def directional(self) -> bool:  # type: ignore[override]  # as its campaigns are
+        return any(part.directional for part in self.parts)
+
+    @property
     def parts_seen(self) -> tuple[tuple[Index | slice, slice], ...]:
         return tuple((share.rows, share.columns["b"]) for share in self._shown)
 

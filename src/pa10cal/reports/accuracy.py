@@ -265,7 +265,8 @@ def repeats(results: ResultsBundle, record: Iso9283Record) -> Iterator[PageBlock
         "controller commands with the model of the row. Repeatability (RP) is the mean distance "
         "of the attained positions from their mean, and three standard deviations; of an angle, "
         "three standard deviations. It does not depend on the model, and holds the noise of the "
-        f"instrument too. {record.FILE} has both for every configuration."
+        "instrument too. Of several targets, the position is the mean of those seen in all "
+        f"repeats. {record.FILE} has both for every configuration."
     )
     table: list[tuple[str | float | None, ...]] = []
     for name, title in model_titles(results, record.accuracy).items():
@@ -295,7 +296,12 @@ def repeats(results: ResultsBundle, record: Iso9283Record) -> Iterator[PageBlock
     differences = []
     if least < _STANDARD_REPEATS:
         differences.append(f"it has {_STANDARD_REPEATS} repeats")
-    if mixed := int((~repeated.one_direction).sum()):
+    if repeated.one_direction is None:
+        differences.append(
+            "every pose is approached from one side, while here it is not known from which side "
+            "joints arrived"
+        )
+    elif mixed := int((~repeated.one_direction).sum()):
         differences.append(
             "every pose is approached from one side, while here joints arrived from either side in "
             f"{formatting.count(mixed, 'configuration')}, so RP holds lost motion as well"

@@ -214,9 +214,11 @@ class RepeatabilityRows(record.Table):
     pose: arrays.LabelColumn  # label of the pose
     load_N: arrays.Column  # load [N]
     repeats: arrays.CountColumn  # readings of it
-    # whether every joint arrived from the same side in all of them, as the standard has it
-    one_direction: arrays.FlagColumn
-    # RP_l: mean distance from the mean position, and three standard deviations [mm]
+    # whether every joint arrived from the same side in all of them, as the standard has it: by the
+    # log, or by the order of the poses; null where neither tells it of all configurations
+    one_direction: arrays.FlagColumn | None
+    # RP_l: mean distance from the mean position, and three standard deviations [mm]; of several
+    # targets of the mean of those seen in all repeats, whose noise is less than that of one
     RP_mm: arrays.Column
     # RP_a, RP_b, RP_c: three standard deviations of the rotations about the base's x, y and z
     # [deg]; null where the instrument measures no orientation
