@@ -14,7 +14,7 @@ from typing import Literal, get_args, get_type_hints
 import pytest
 
 from pa10cal import __main__
-from pa10cal.commands import command_line
+from pa10cal.commands import arguments, command_line
 from pa10cal.commands.command_line import (
     CLOSED,
     COMMANDS,
@@ -198,13 +198,37 @@ def test_no_file_of_a_campaign_is_replaced(tmp_path, monkeypatch, capsys, argv, 
         assert words[words.index(next(w for w in words if w.endswith(Path(lost).name))) - 1] in told
 
 
+@pytest.mark.parametrize(
+    ("argv", "code"),
+    [
+        ("predict --model m.yaml --joints q.csv --frame tool --out tool", 0),
+        ("predict --model m.yaml --joints q.csv --frame tool --out m.yaml", REFUSED),
+        ("montecarlo --campaign tool --robot ur10 --out tool", 0),
+        ("montecarlo --campaign x --robot m.yaml --out m.yaml", REFUSED),
+        ("montecarlo --campaign x --robot ./tool --out tool", REFUSED),
+        ("montecarlo --campaign x --robot ur10 --settings tool --out tool", REFUSED),
+    ],
+)
+def test_a_name_is_no_file(tmp_path, monkeypatch, argv, code):
+    monkeypatch.chdir(tmp_path)
+    for name in ("tool", "m.yaml", "q.csv"):
+        Path(name).write_text("{}")
+    name, *words = argv.split()
+
+    @functools.wraps(command_named(name))
+    def command(**given):
+        del given
+
+    assert run_command(name, words, command) == code
+
+
 @pytest.mark.parametrize("name", COMMANDS)
 def test_every_file_that_a_command_writes_is_known_to_be_written(name):
-    _, meanings, _ = command_line._parts_of(inspect.getdoc(command_named(name)))
+    _, meanings, _ = arguments._parts_of(inspect.getdoc(command_named(name)))
     outputs = {each for each, meaning in meanings.items() if re.search(r"\bto write\b", meaning)}
     hints = get_type_hints(command_named(name))
     files = {each for each in outputs if Path in (hints[each], *get_args(hints[each]))}
-    assert files <= set(command_line._OUTPUTS.get(name, ("out",)))
+    assert files <= set(arguments._OUTPUTS.get(name, ("out",)))
 
 
 def test_fault_is_told_from_a_refusal(capsys):
@@ -364,12 +388,56 @@ def test_an_output_that_cannot_be_written_is_refused(words):
     assert done.stderr.count("\n") == 1
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device of Linux")
+@pytest.mark.parametrize("words", ["--version > /dev/full 2>&1", "nosuch 2> /dev/full"])
+def test_a_message_that_cannot_be_written_is_lost_and_the_exit_code_stays(words):
+    done = ended(words)
+    assert (done.returncode, done.stdout, done.stderr) == (REFUSED, "", "")
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device of Linux")
+def test_a_warning_that_cannot_be_written_fails_no_command(monkeypatch, capfd):
+    def warns(words):
+        print("warning", file=sys.stderr, flush=True)
+        print("done")
+        return 0
+
+    monkeypatch.setattr(command_line, "_run", warns)
+    with Path("/dev/full").open("w", encoding="utf-8") as full:
+        monkeypatch.setattr(sys, "stderr", full)
+        assert main([]) == 0
+    assert capfd.readouterr().out == "done\n"
+
+
+def test_a_folder_that_was_removed_is_no_fault_of_the_program(tmp_path, monkeypatch, capsys):
+    folder = tmp_path / "removed"
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+    folder.rmdir()
+    assert main(["columns", "x.csv"]) == REFUSED
+    assert capsys.readouterr().err.startswith("pa10cal: the working folder: it has been removed")
+    assert main(["--version"]) == 0
+
+
+@pytest.mark.parametrize(
+    ("words", "shown"),
+    [("--version run", "pa10cal "), ("--help --version", "usage: "), ("-h -h", "usage: ")],
+)
+def test_what_stands_first_is_answered_whatever_follows(words, shown, capsys):
+    assert main(words.split()) == 0
+    assert capsys.readouterr().out.startswith(shown)
+
+
 @pytest.mark.parametrize(
     ("words", "code"), [("--version >&-", 0), ("effects >&-", 0), ("nosuch 2>&-", REFUSED)]
 )
 def test_a_closed_output_is_silence(words, code):
     done = ended(words)
     assert (done.returncode, done.stdout, done.stderr) == (code, "", "")
+
+
+def test_parents_that_are_no_numbers_are_nobody():
+    assert ended("--version", PA10CAL_PARENTS="mine 1.5").returncode == 0
 
 
 def test_letters_that_the_output_lacks_are_written_by_their_numbers():

@@ -1,10 +1,7 @@
-"""The command line of every command, built from its function's signature and docstring.
+"""The commands by name, how one is run, what it prints, and how a failure ends the process.
 
-A command is a function without a result: positional parameters are positional arguments, keyword
-parameters are options, one without a default is required, and a `bool` is a switch. The docstring
-gives the help: its text stands above the arguments, its `Args:` section beside each of them, its
-`Examples:` section below. A parameter whose type is a section of the settings takes a JSON object
-or the path of a YAML file.
+A command is a function without a result, whose signature and docstring give its command line
+(`arguments`).
 """
 
 from __future__ import annotations
@@ -12,21 +9,19 @@ from __future__ import annotations
 import argparse
 import ast
 import ctypes
-import inspect
 import io
 import os
-import re
 import select
 import sys
 import traceback
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from importlib import import_module
 from pathlib import Path
-from types import NoneType, UnionType
-from typing import Any, Literal, NoReturn, TextIO, Union, cast, get_args, get_origin, get_type_hints
+from typing import Any, TextIO, cast, get_type_hints
 
 from pa10cal import __version__
+from pa10cal.commands.arguments import Command, parser_for, refuse_to_replace, value_of
 from pa10cal.errors import (
     OutputError,
     Pa10calError,
@@ -35,7 +30,7 @@ from pa10cal.errors import (
     remedy_for,
     visible,
 )
-from pa10cal.input_files import is_file, reason
+from pa10cal.input_files import reason
 
 #: Exit codes: input, settings or use refused; a fault of the program itself; interrupted (Ctrl-C);
 #: ended because nobody reads the output any more, as by `| head`.
@@ -93,37 +88,19 @@ GROUPS = {
 }
 #: The module of every command.
 COMMANDS = {name: module for names in GROUPS.values() for name, module in names.items()}
+#: Words that ask for help.
+_HELP = ("-h", "--help")
 #: Functions of commands whose name is a keyword of Python.
 _FUNCTIONS = {"import": "import_data"}
 
-#: Parameters of files that a command writes; of all other commands `out`.
-_OUTPUTS = {
-    "ingest": ("out", "quarantine"),
-    "discover": ("verdict", "analysis", "extended", "suggested"),
-    "evaluate": ("out", "iso9283"),
-    "export": ("model", "urdf", "dh"),
-    "simulate": ("out", "truth"),
-    "coverage": ("out", "table"),
-    "blind_trials": ("verdicts", "truths"),
-    "score_trials": ("scores", "trials"),
-}
-#: Endings of files that a command writes beside `out`, under the same name, and that it does not
-#: guard itself (`_refuse_to_replace`).
-_BESIDE = {"plan": (".json",)}
-
 #: Errors of the system that are faults of the program: of files and pipes that it chose itself.
 _OWN_FAULTS = (FileNotFoundError, BrokenPipeError)
-#: Defaults of parameters that say nothing to a reader of the help.
-_NO_DEFAULT = (None, "", ())
-
 _USE = "usage: pa10cal COMMAND [options]\n       pa10cal COMMAND --help | pa10cal --version"
 _EXAMPLES = """\
 examples:
   pa10cal columns export.csv --robot ur10 > campaign.yaml    how to read a file as it is
   pa10cal run FOLDER                                         raw files to grade, model, figures
   pa10cal run --help                                         its arguments and more examples"""
-
-Command = Callable[..., None]
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -135,32 +112,38 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     Args:
         argv: arguments without the program's name; None for the process's own.
+
+    Raises:
+        SystemExit: as by `run_command`.
     """
     words = list(sys.argv[1:] if argv is None else argv)
     with Path(os.devnull).open("w", encoding="utf-8") as nowhere:
-        out, err = (_Visible.of(stream or nowhere) for stream in (sys.stdout, sys.stderr))
+        out = _SafeStream.of(sys.stdout or nowhere, required=True)
+        err = _SafeStream.of(sys.stderr or nowhere, required=False)
         with redirect_stdout(out), redirect_stderr(err):
             return _main(words)
 
 
-class _Visible:
-    """A stream that prints all text as `errors.visible` returns it, and refuses a full disk.
+class _SafeStream:
+    """A standard stream that prints all text as `errors.visible` returns it.
 
+    Where it cannot be written, as on a full disk, standard output refuses that; messages on
+    standard error are lost, as there is no other place to tell it. What follows is discarded.
     Sequences that move the cursor are written to its attribute `terminal`.
     """
 
-    def __init__(self, terminal: TextIO) -> None:
-        self.terminal = terminal
+    def __init__(self, terminal: TextIO, *, required: bool) -> None:
+        self.terminal, self._required = terminal, required
 
     @classmethod
-    def of(cls, stream: TextIO) -> TextIO:
+    def of(cls, stream: TextIO, *, required: bool) -> TextIO:
         """Return a stream so; letters that its encoding lacks are written by their numbers."""
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
-        return cast("TextIO", cls(stream))
+        return cast("TextIO", cls(stream, required=required))
 
     def write(self, text: str) -> int:
-        with self._refusing():
+        with self._guarded():
             self.terminal.write(visible(text))
         return len(text)
 
@@ -169,29 +152,30 @@ class _Visible:
             self.write(line)
 
     def flush(self) -> None:
-        with self._refusing():
+        with self._guarded():
             self.terminal.flush()
 
     @contextmanager
-    def _refusing(self) -> Iterator[None]:
-        """Refuse an output that cannot be written, and discard what follows.
+    def _guarded(self) -> Iterator[None]:
+        """Refuse what cannot be written, or lose it.
 
         Raises:
-            BrokenPipeError: when nobody reads it, which is no mistake.
-            OutputError: for all other reasons.
+            BrokenPipeError: when nobody reads standard output, which is no mistake.
+            OutputError: when that cannot be written for another reason.
         """
         try:
             yield
-        except BrokenPipeError:
-            raise
         except OSError as error:
+            if self._required and isinstance(error, BrokenPipeError):
+                raise
             _discard(self.terminal)
-            raise OutputError(
-                f"what is printed cannot be written: {reason(error)}",
-                where="standard output",
-                allowed="a terminal, a pipe, or a file on a disk with space",
-                remedy="make space, or send it elsewhere",
-            ) from error
+            if self._required:
+                raise OutputError(
+                    f"what is printed cannot be written: {reason(error)}",
+                    where="standard output",
+                    allowed="a terminal, a pipe, or a file on a disk with space",
+                    remedy="make space, or send it elsewhere",
+                ) from error
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self.terminal, name)
@@ -209,7 +193,9 @@ def _main(words: list[str]) -> int:
             return _run(words)
         finally:
             sys.stdout.flush()
-    except OutputError as error:  # of the last output, or of a run that has ended already
+    except OutputError as error:
+        # Of the output that is flushed last, of a run of the workflow that has ended before this
+        # job of it began, or of a working folder that was removed.
         print(f"pa10cal: {error}", file=sys.stderr)
         return REFUSED
     except BrokenPipeError:
@@ -221,27 +207,47 @@ def _main(words: list[str]) -> int:
 
 
 def _run(words: list[str]) -> int:
-    if words in (["-h"], ["--help"]):
-        print(_usage())
-        return 0
-    if words[:1] in (["-h"], ["--help"]):
-        words = [*words[1:], "--help"]
-    if words == ["--version"]:
+    """Run a command, or print what an option in its place asks for; return the exit code."""
+    first, second = [*words, "", ""][:2]
+    if first == "--version":
         print(f"pa10cal {__version__}")
         return 0
-    if not words or words[0] not in COMMANDS:
+    if first in _HELP:
+        if not second or second.startswith("-"):
+            print(_usage())
+            return 0
+        words, first = [*words[1:], "--help"], second
+    if first not in COMMANDS:
         if words:
             what = "no such command"
-            remedy = remedy_for(words[0], COMMANDS, "see the list of pa10cal --help")
-            if words[0].startswith("-"):
+            remedy = remedy_for(first, COMMANDS, "see the list of pa10cal --help")
+            if first.startswith("-"):
                 what, remedy = "no option of pa10cal itself", "give options after the command"
-            print(f"{_USE}\npa10cal: {what} (got {words[0]!r}); {remedy}", file=sys.stderr)
+            print(f"{_USE}\npa10cal: {what} (got {first!r}); {remedy}", file=sys.stderr)
         else:
             print(_usage(), file=sys.stderr)
         return REFUSED
+    _refuse_a_lost_folder()
     limit_threads()
     keep_memory()
-    return run_command(words[0], words[1:])
+    return run_command(first, words[1:])
+
+
+def _refuse_a_lost_folder() -> None:
+    """Refuse to work in a folder that does not exist any more.
+
+    Raises:
+        OutputError: naming what to do.
+    """
+    try:
+        Path.cwd()
+    except FileNotFoundError as error:
+        raise OutputError(
+            "it has been removed",
+            where="the working folder",
+            allowed="a folder that exists",
+            remedy="change to another one, and call the command again",
+        ) from error
 
 
 def limit_threads() -> None:
@@ -279,7 +285,7 @@ def command_named(name: str) -> Command:
 def parser_of(name: str) -> argparse.ArgumentParser:
     """Return the parser of one of `COMMANDS`, from which its help and its reference are made."""
     command = command_named(name)
-    return _parser(name, command, get_type_hints(command))
+    return parser_for(name, command, get_type_hints(command))
 
 
 def run_command(name: str, argv: Sequence[str], command: Command | None = None) -> int:
@@ -292,17 +298,20 @@ def run_command(name: str, argv: Sequence[str], command: Command | None = None) 
 
     Returns:
         0, `REFUSED`, `FAULT`, `INTERRUPTED` or `CLOSED`.
+
+    Raises:
+        SystemExit: by argparse: with code 0 after help was printed, with `REFUSED` after wrong use.
     """
     try:
         command = command or command_named(name)
     except ImportError as error:
         return _report(name, error, debug="--debug" in argv)
     types = get_type_hints(command)
-    given = vars(_parser(name, command, types).parse_args(argv))
+    given = vars(parser_for(name, command, types).parse_args(argv))
     debug: bool = given.pop("debug")
     try:
-        _refuse_to_replace(name, given)
-        values = {key: _parsed(types[key], value, key) for key, value in given.items()}
+        refuse_to_replace(name, given, types)
+        values = {key: value_of(types[key], value, key) for key, value in given.items()}
         command(**values)
     except KeyboardInterrupt:
         print(f"pa10cal {name}: interrupted", file=sys.stderr)
@@ -337,68 +346,6 @@ def _message(error: Exception) -> tuple[str, int]:
         return f"{where}a file cannot be read or written: {error.strerror}", REFUSED
     what = f"internal fault: {type(error).__name__}: {error}"
     return f"{what}; run again with --debug and report it", FAULT
-
-
-def _refuse_to_replace(command: str, given: Mapping[str, Any]) -> None:
-    """Refuse an output that would replace a file that the command reads.
-
-    Args:
-        command: its name.
-        given: its arguments as they were given: a section of the settings may be a path, too.
-    """
-    of_outputs = _OUTPUTS.get(command, ("out",))
-    outputs = [(option, path) for option in of_outputs for path in _written(command, option, given)]
-    if not outputs:
-        return
-    for name, value in given.items():
-        inputs = [] if name in of_outputs else _read_by(value)
-        for option, output in outputs:
-            if any(map(output.samefile, inputs)):
-                raise OutputError(
-                    f"the output would replace the file of {name.replace('_', ' ')}",
-                    where=f"--{option}",
-                    value=str(output),
-                    allowed="a path of its own",
-                    remedy="give another one",
-                )
-
-
-def _written(command: str, option: str, given: Mapping[str, Any]) -> list[Path]:
-    """Return the files that are there and that an option has written: its own, and those beside."""
-    output = given.get(option)
-    if not isinstance(output, Path):
-        return []
-    paths = [output]
-    if option == "out" and output.name:
-        paths += [output.with_suffix(ending) for ending in _BESIDE.get(command, ())]
-    return [path for path in paths if is_file(path)]
-
-
-def _read_by(value: Any) -> list[Path]:
-    """Return the files that are read where a parameter has a value.
-
-    They are the paths themselves, the files of models, which a folder of results may stand for, and
-    those of a campaign, which its folder stands for.
-    """
-    from pa10cal.fit.covariance_file import covariance_path  # late: with numpy
-    from pa10cal.fit.model_reading import model_file
-    from pa10cal.planning.campaign import arm_files, raw_files
-
-    several = value if isinstance(value, list | tuple) else (value,)
-    paths = [Path(path) for path in several if isinstance(path, str | Path)]
-    folders = [path for path in paths if _is_folder(path)]
-    models = [model_file(path) for path in paths if path in folders or path.suffix == ".yaml"]
-    files = [*paths, *models, *map(covariance_path, models)]
-    for folder in folders:
-        files += [folder / "campaign.yaml", *raw_files(folder), *arm_files(folder)]
-    return [path for path in files if is_file(path)]
-
-
-def _is_folder(path: Path) -> bool:
-    try:
-        return path.is_dir()
-    except OSError:  # as of settings in JSON, which are longer than a name can be
-        return False
 
 
 def _nobody_reads() -> bool:
@@ -438,98 +385,3 @@ def _summary(name: str) -> str:
             first, _, _ = (ast.get_docstring(node) or "").partition("\n\n")
             return " ".join(first.split()).rstrip(".")
     raise LookupError(f"{path} has no {function}")
-
-
-def _parser(name: str, command: Command, types: Mapping[str, Any]) -> argparse.ArgumentParser:
-    text, meanings, examples = _parts_of(inspect.getdoc(command) or "")
-    parser = _Parser(
-        prog=f"pa10cal {name}",
-        description=text,
-        epilog=f"examples:\n{examples}" if examples else None,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    for parameter in inspect.signature(command).parameters.values():
-        hint, meaning = types[parameter.name], meanings.get(parameter.name, "")
-        _add_argument(parser, parameter, hint, meaning)
-    parser.add_argument("--debug", action="store_true", help="show the traceback of an error")
-    return parser
-
-
-class _Parser(argparse.ArgumentParser):
-    """A parser that names the option that was probably meant, and reads -1e3 as a number."""
-
-    def __init__(self, **options: Any) -> None:
-        super().__init__(**options)
-        # Before Python 3.14 argparse takes a negative number with an exponent for an option.
-        self._negative_number_matcher = re.compile(r"-(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?$")
-
-    def error(self, message: str) -> NoReturn:
-        """Refuse wrong use, with the nearest option where one is unknown."""
-        word = re.match(r"unrecognized arguments: (--[\w-]+)", message)
-        options = [option for action in self._actions for option in action.option_strings]
-        remedy = remedy_for(word[1], options, "") if word else ""
-        super().error(f"{message}; {remedy}" if remedy else message)
-
-
-def _parts_of(docstring: str) -> tuple[str, dict[str, str], str]:
-    """Return the text of a docstring, the meaning of each parameter, and the examples."""
-    docstring, _, examples = docstring.partition("\n\nExamples:\n")
-    text, _, rest = docstring.partition("\nArgs:\n")
-    section, _, _ = rest.partition("\n\n")
-    meanings: dict[str, str] = {}
-    for names, meaning in re.findall(
-        r"^ {4}(\w[\w, ]*): (.*(?:\n {8,}.*)*)", section, flags=re.MULTILINE
-    ):
-        for name in names.split(", "):
-            meanings[name] = " ".join(meaning.split()).removesuffix(".")
-    return text.strip(), meanings, "\n".join(f"  {line.strip()}" for line in examples.splitlines())
-
-
-def _add_argument(
-    parser: argparse.ArgumentParser, parameter: inspect.Parameter, hint: Any, meaning: str
-) -> None:
-    """Add the argument, or the option, for a parameter of a command."""
-    kind, default = _without_none(hint), parameter.default
-    options: dict[str, Any] = {"type": kind}
-    if kind is bool:
-        options = {"action": "store_true"}
-    elif get_origin(kind) is Literal:
-        options = {"choices": get_args(kind)}
-    elif get_origin(kind) is tuple:
-        options = {"type": get_args(kind)[0], "nargs": "+"}
-    elif _is_section(kind):
-        options = {"metavar": "SETTINGS"}
-        meaning += ": a JSON object, or the path of a YAML file"
-    required = default is parameter.empty
-    if not required:
-        options["default"] = default
-        if default not in _NO_DEFAULT and kind is not bool and not _is_section(kind):
-            meaning += f" (default: {default})"
-    options["help"] = meaning.replace("%", "%%")
-    if parameter.kind is parameter.KEYWORD_ONLY:
-        option = "--" + parameter.name.replace("_", "-")
-        parser.add_argument(option, dest=parameter.name, required=required, **options)
-    else:
-        parser.add_argument(parameter.name, **options)
-
-
-def _parsed(hint: Any, value: Any, name: str) -> Any:
-    """Return the value of a parameter: text of a section is parsed, and a list becomes a tuple."""
-    kind = _without_none(hint)
-    if _is_section(kind) and isinstance(value, str):
-        from pa10cal.settings_reading import read_settings_argument
-
-        return read_settings_argument(kind, value, where="--" + name.replace("_", "-"))
-    return tuple(value) if isinstance(value, list) else value
-
-
-def _without_none(hint: Any) -> Any:
-    """Return the type of a parameter, without None where it may be None too."""
-    if get_origin(hint) in (Union, UnionType):
-        (hint,) = (member for member in get_args(hint) if member is not NoneType)
-    return hint
-
-
-def _is_section(kind: Any) -> bool:
-    """Return whether a type is a section of the settings; pydantic is not imported here."""
-    return isinstance(kind, type) and hasattr(kind, "model_validate")

@@ -151,7 +151,8 @@ def end_with_parents() -> None:
     A job hangs below a shell, which lives on when Snakemake is killed: a signal at a parent's death
     would not reach the job. What the job leaves half-written is removed by the next run.
     """
-    parents = [int(word) for word in os.environ.pop(PARENTS, "").split()]
+    words = os.environ.pop(PARENTS, "").split()
+    parents = [int(word) for word in words if word.isdecimal()]
     if parents:
         threading.Thread(target=_die_with, args=(parents,), daemon=True).start()
 
