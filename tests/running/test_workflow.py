@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fcntl
 import io
+import logging
 import os
 import signal
 from contextlib import suppress
@@ -17,6 +18,7 @@ from pa10cal.running import workflow as running
 from pa10cal.running.display import RunDisplay
 from pa10cal.running.failure import StageError
 from pa10cal.running.workflow import Workflow, run_workflow, settings_of
+from snakemake_logger_plugin_pa10cal import LogHandler
 
 SNAKEFILE = """
 rule ingest:
@@ -45,6 +47,22 @@ def run(tmp_path, monkeypatch):
         return out.getvalue()
 
     return start
+
+
+def test_events_go_to_the_pipe_or_nowhere(monkeypatch, capsys):
+    reading, writing = os.pipe()
+    done = logging.makeLogRecord({"event": "job_finished", "job_id": 7, "other": "unread"})
+    monkeypatch.setenv("PA10CAL_EVENTS", str(writing))
+    handler = LogHandler(None, None)
+    handler.emit(done)
+    handler.emit(logging.makeLogRecord({"event": "other"}))
+    assert os.read(reading, 99) == b'{"event": "job_finished", "job_id": 7}\n'
+    os.close(reading)
+    handler.emit(done)  # nobody reads any more
+    assert "BrokenPipeError" in capsys.readouterr().err
+    os.close(writing)
+    monkeypatch.delenv("PA10CAL_EVENTS")
+    LogHandler(None, None).emit(done)  # Snakemake called by hand
 
 
 @pytest.mark.slow

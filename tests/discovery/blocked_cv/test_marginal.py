@@ -1,15 +1,17 @@
 """Bands found by marginal likelihood: exact derivatives, and the band that was drawn."""
 
-from dataclasses import astuple
+from dataclasses import astuple, replace
 
 import numpy as np
 import pytest
 
+from pa10cal.discovery.blocked_cv import band_likelihood
 from pa10cal.discovery.blocked_cv.band_likelihood import (
     Waves,
     minus_twice_log_likelihood,
     most_likely,
 )
+from pa10cal.discovery.tuning import COMPUTING
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.numerics.periodic_spline import harmonic_orders
 from pa10cal.terms.effects.joint_error_map import BandPrior
@@ -72,3 +74,11 @@ def test_joints_have_bands_of_their_own_where_the_data_say_so():
     alike = most_likely(waves_of([TRUE] * 3, seed=3))
     assert alike.shared
     assert len(set(alike.bands)) == 1
+
+
+def test_a_search_that_has_not_settled_chooses_no_bands_by_joint(monkeypatch):
+    small = BandPrior(8e-5, 1e-5, 2e-5, 7.0, 12.0, 3.0, 3e-6)
+    waves = waves_of([TRUE, small], seed=2)
+    assert not most_likely(waves).shared
+    monkeypatch.setattr(band_likelihood, "COMPUTING", replace(COMPUTING, band_steps=3))
+    assert most_likely(waves).shared

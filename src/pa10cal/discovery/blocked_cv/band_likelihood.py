@@ -5,6 +5,10 @@ levels below and in a band, its ends, its decay, a floor. With all waves and the
 integrated out, the data determine which of these are likely (type II maximum likelihood, empirical
 Bayes; MacKay 1992, Neural Computation 4, 415). The normal equations suffice; a step costs one
 factorisation, which gives the gradient too.
+
+A point of the search (p,) is the logarithms of the k parameters of a band, then, if each joint has
+its own, the deviations of each joint's logarithms from these in units of `_STD_OF_JOINT`, then the
+logarithm of the scatter of the rows.
 """
 
 from __future__ import annotations
@@ -69,12 +73,15 @@ class LogLikelihood(NamedTuple):
 
 def most_likely(waves: Waves) -> BandEstimates:
     """Return the bands under which the data are most likely, one for all maps or one for each."""
-    together = _climb(_Cost(waves, each_its_own=False), np.append(_logs(TYPICAL), 0.0))
+    start = np.append(_logs(TYPICAL), 0.0)
+    together, together_settled = _most_likely_from(_Cost(waves, each_its_own=False), start)
     if waves.maps == 1:
         return _bands(together)
     shared, log_scatter = together.at[:_PARAMETERS], together.at[_PARAMETERS:]
     start = np.concatenate([shared, np.zeros(_PARAMETERS * waves.maps), log_scatter])
-    apart = _climb(_Cost(waves, each_its_own=True), start)
+    apart, apart_settled = _most_likely_from(_Cost(waves, each_its_own=True), start)
+    if not (together_settled and apart_settled):  # evidence is known at likeliest points alone
+        return _bands(together)
     return _bands(min(together, apart, key=_minus_twice_log_evidence))
 
 
@@ -98,22 +105,18 @@ def minus_twice_log_likelihood(waves: Waves, log_sizes: Array, log_scatter: floa
 
 @dataclass(frozen=True, eq=False)
 class _Point:
-    """The cost at a point.
-
-    A point (p,) is the logarithms of a band's parameters, then the deviations of each joint's from
-    these in units of `_STD_OF_JOINT`, if each has its own, then the logarithm of the scatter.
-    """
+    """The cost at a point of the search."""
 
     at: Array  # (p,)
     value: float  # minus twice the log-likelihood and the log prior
     gradient: Array  # (p,)
     curvature: Array  # (p, p) expected second derivative
-    by_point: Array  # (maps k, p - 1) derivative of all maps' logarithms, but by the scatter
+    logs_of_point: Array  # (maps k, p - 1) takes a point, without the scatter, to `logs`
 
     @property
     def logs(self) -> Array:
         """Return the logarithms of each map's parameters, (maps, k)."""
-        return np.asarray((self.by_point @ self.at[:-1]).reshape(-1, _PARAMETERS))
+        return np.asarray((self.logs_of_point @ self.at[:-1]).reshape(-1, _PARAMETERS))
 
 
 class _Cost:
@@ -121,34 +124,38 @@ class _Cost:
 
     def __init__(self, waves: Waves, *, each_its_own: bool) -> None:
         self._waves, self._typical = waves, _logs(TYPICAL)
-        by_point = np.tile(np.eye(_PARAMETERS), (waves.maps, 1))
+        logs_of_point = np.tile(np.eye(_PARAMETERS), (waves.maps, 1))
         if each_its_own:
             by_own = np.kron(np.eye(waves.maps), np.diag(_STD_OF_JOINT))
-            by_point = np.hstack([by_point, by_own])
-        self._by_point = by_point
+            logs_of_point = np.hstack([logs_of_point, by_own])
+        self._logs_of_point = logs_of_point
 
     def __call__(self, at: Array) -> _Point:
         """Return the cost at a point."""
         waves, orders = self._waves, self._waves.orders
-        logs = (self._by_point @ at[:-1]).reshape(-1, _PARAMETERS)
+        logs = (self._logs_of_point @ at[:-1]).reshape(-1, _PARAMETERS)
         log_sizes = np.concatenate([_log_sizes(each, orders) for each in logs])
         likelihood = minus_twice_log_likelihood(waves, log_sizes, float(at[-1]))
-        slopes = block_diag(*(_slopes(each, orders) for each in logs)) @ self._by_point
+        slopes = block_diag(*(_slopes(each, orders) for each in logs)) @ self._logs_of_point
         off = np.append((at[:_PARAMETERS] - self._typical) / _STD_OF_BAND, at[_PARAMETERS:-1])
-        by_at = np.append(1.0 / _STD_OF_BAND, np.ones(len(at) - 1 - _PARAMETERS))  # of `off`
-        by_logs = slopes.T @ likelihood.curvature @ slopes + np.diag(2.0 * by_at**2)
-        gradient = slopes.T @ likelihood.by_sizes + 2.0 * by_at * off
+        off_by_at = np.append(1.0 / _STD_OF_BAND, np.ones(len(at) - 1 - _PARAMETERS))
+        of_prior = np.diag(2.0 * off_by_at**2)  # curvature of the squares of `off`
+        by_logs = slopes.T @ likelihood.curvature @ slopes + of_prior
+        gradient = slopes.T @ likelihood.by_sizes + 2.0 * off_by_at * off
         return _Point(
             at=at,
             value=likelihood.value + float(off @ off),
             gradient=np.append(gradient, likelihood.by_scatter),
             curvature=block_diag(by_logs, np.full((1, 1), 4.0 * waves.rows)),
-            by_point=self._by_point,
+            logs_of_point=self._logs_of_point,
         )
 
 
-def _climb(cost: _Cost, start: Array) -> _Point:
-    """Return the most likely point from a start, by damped steps of Fisher scoring."""
+def _most_likely_from(cost: _Cost, start: Array) -> tuple[_Point, bool]:
+    """Return the most likely point from a start, by damped steps of Fisher scoring.
+
+    And whether the steps settled there.
+    """
     here, damping = cost(start), 0.0
     for _ in range(COMPUTING.band_steps):
         damped = here.curvature + damping * np.diag(np.diag(here.curvature))
@@ -161,8 +168,8 @@ def _climb(cost: _Cost, start: Array) -> _Point:
         gained, here = here.value - ahead.value, ahead
         damping *= COMPUTING.damping_down
         if gained < COMPUTING.band_settled:
-            break
-    return here
+            return here, True
+    return here, False
 
 
 def _minus_twice_log_evidence(point: _Point) -> float:
@@ -174,7 +181,7 @@ def _minus_twice_log_evidence(point: _Point) -> float:
 def _bands(point: _Point) -> BandEstimates:
     """Return the bands at a point, with uncertainties by the expected curvature."""
     covariance = 2.0 * np.linalg.inv(point.curvature[:-1, :-1])
-    variances = np.diag(point.by_point @ covariance @ point.by_point.T)
+    variances = np.diag(point.logs_of_point @ covariance @ point.logs_of_point.T)
     return BandEstimates(
         bands=tuple(map(_band, point.logs)),
         log_std=np.sqrt(variances).reshape(-1, _PARAMETERS),
