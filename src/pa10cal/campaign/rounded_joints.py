@@ -65,11 +65,11 @@ _MOST_TIMES = 30.0
 #: Gain in log likelihood that rounding needs over noise alone, and over errors of the joints that
 #: effects may have errors of [nat] (level).
 _GAIN = 10.0
-#: How far rounding in every joint may be below errors of any size, none among them: more than that,
-#: and a joint is exact [nat] (level).
+#: How far rounding in every joint may be below errors of any size, which may be zero: further, and
+#: a joint is exact [nat] (level).
 _MOST_LOST = 8.0
-#: How far errors as large as those of rounding may be below errors of any size: no more than that,
-#: and nothing else is in the joints [nat] (level).
+#: How far errors just as large as those of rounding may be below errors of any size: no further,
+#: and the joints have no other errors [nat] (level).
 _AS_LIKELY = 4.0
 #: Joints that effects may have errors of, where positions are exact (chosen).
 _WITH_EFFECTS = 2
@@ -250,9 +250,10 @@ class _Likeliest(NamedTuple):
 
 
 class _Remainder(NamedTuple):
-    """What a fitted arm leaves of P poses with b components, as large as before the fit."""
+    """What a fitted arm leaves of P poses with b components, beside what joints would move."""
 
-    residual: Array  # (P, b), zero where not seen
+    # (P, b), zero where not seen; scaled up by what the fit took
+    residual: Array
     covariance: Array  # (P, b, b) as stated
     of_kinds: Array  # (c, b) which components are of each kind
     by_joints: Array  # (P, b, n) derivative by errors of the joints
@@ -317,7 +318,7 @@ def _remainder(readings: Observations, chain: Chain, payload: Payload | None) ->
     for of_kind, (_, columns) in zip(of_kinds, measured.component_kinds, strict=True):
         of_kind[columns] = True
     return _Remainder(
-        residual[usual] / np.sqrt(free_share),  # of so much the fit took its share
+        residual[usual] / np.sqrt(free_share),
         measured.stated_covariance[usual],
         of_kinds,
         by_chain[usual][:, :, chain.joint_columns],
