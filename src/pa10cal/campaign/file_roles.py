@@ -38,6 +38,7 @@ def roles_of_file(sniffed: Sniffed, joints: int | None, joint_names: Sequence[st
     unmixed = replace(sniffed, names=names)
     roles = with_matrix(_roles_by_name(unmixed, joints, joint_names), names, sniffed.numbers)
     roles = _with_moving_orientation(with_polar(roles, names), unmixed)
+    roles = _with_place_of_oriented_body(roles)
     return roles.renamed(dict(zip(names, sniffed.names, strict=True)))
 
 
@@ -55,11 +56,32 @@ def _with_moving_orientation(roles: Roles, sniffed: Sniffed) -> Roles:
     return replace(roles, attitude=attitude)
 
 
+def _with_place_of_oriented_body(roles: Roles) -> Roles:
+    """Return roles in which the position of the body whose orientation is read comes first.
+
+    A rotation vector, rvec, goes with a translation, tvec.
+    """
+    if roles.attitude is None:
+        return roles
+    columns, _ = roles.attitude
+    vector = has_word(words_of_name(columns[0]), "rotation vector")
+
+    def other(place: str) -> tuple[bool, bool, bool]:
+        names = roles.positions[place]
+        words = words_of_name(names[0])
+        translation = has_word(words, "translation")
+        of_other = _words_of_body(names) != _words_of_body(columns)
+        return has_word(words, "commanded"), of_other, vector and not translation
+
+    return replace(roles, positions={k: roles.positions[k] for k in sorted(roles.positions, key=other)})
+
+
 def _words_of_body(columns: Sequence[str]) -> tuple[str, ...]:
     """Return the words that all columns of a position or orientation share, as of their body."""
     first, *others = map(words_of_name, columns)
     shared = [word for word in first if all(word in words for words in others)]
-    return tuple(w for w in shared if not has_word([w], "of any joint", "rotation", "quaternion"))
+    kinds = "of any joint", "rotation", "quaternion", "translation", "vector"
+    return tuple(word for word in shared if not has_word([word], *kinds))
 
 
 def _roles_by_name(sniffed: Sniffed, joints: int | None, joint_names: Sequence[str]) -> Roles:

@@ -14,6 +14,10 @@ from pa10cal.campaign.recognise import Roles, has_word, words_of_name
 _ORTHONORMAL = 2e-3
 #: Rows that are tested for matrices, at most, and part of them that must hold one.
 _LOOKED_AT, _MOST = 100, 0.9
+#: The squares of a quaternion add up to 1 within this.
+_UNIT_LENGTH = 2e-3
+#: Components of a quaternion that change by more show a turn.
+_TURNS = 0.02
 #: A matrix whose elements change by less is constant.
 _SAME_MATRIX = 1e-6
 
@@ -91,11 +95,31 @@ def rotation_columns(names: Sequence[str], numbers: Array) -> tuple[str, ...]:
     return ()
 
 
+def quaternion_columns(names: Sequence[str], numbers: Array) -> tuple[str, ...]:
+    """Return the first four neighbouring columns that are a moving quaternion; empty for none."""
+    some = numbers[spread(len(numbers), _LOOKED_AT)]
+    for k in range(len(names) - 3):
+        four = some[:, k : k + 4]
+        four = four[np.isfinite(four).all(axis=1)]
+        off = np.abs(np.sum(four**2, axis=1) - 1.0)
+        moving = (np.ptp(four, axis=0) > _TURNS).sum() >= 3 if len(four) else False
+        if moving and np.mean(off < _UNIT_LENGTH) > _MOST:
+            return tuple(names[k : k + 4])
+    return ()
+
+
+def _beside(names: Sequence[str], place: Sequence[str]) -> list[tuple[str, ...]]:
+    """Return the four columns behind those of a place, and the four before them."""
+    at = sorted(map(names.index, place))
+    sides = names[at[-1] + 1 : at[-1] + 5], names[max(at[0] - 4, 0) : at[0]]
+    return [tuple(four) for four in sides if len(four) == 4]
+
+
 def with_matrix(roles: Roles, names: Sequence[str], numbers: Array) -> Roles:
     """Return roles with position and orientation by a moving matrix, if there is one.
 
     Without one, nine neighbouring columns that are a rotation are the orientation, if there is no
-    other.
+    other; likewise four that are a quaternion, directly before or behind the position.
     """
     free = [name for name in names if name not in (*roles.joints, *roles.torques)]
     columns = [names.index(name) for name in free]
@@ -104,8 +128,14 @@ def with_matrix(roles: Roles, names: Sequence[str], numbers: Array) -> Roles:
         taken = {name for place in roles.positions.values() for name in place}
         free = [name for name in free if name not in taken]
         nine = rotation_columns(free, numbers[:, [names.index(name) for name in free]])
-        if nine and roles.positions and roles.attitude is None:
+        if not roles.positions or roles.attitude is not None:
+            return roles
+        if nine:
             return replace(roles, attitude=(nine, "matrix"))
+        place = next(iter(roles.positions.values()))
+        for four in _beside(names, place):
+            if set(four) <= set(free) and quaternion_columns(four, numbers[:, list(map(names.index, four))]):
+                return replace(roles, attitude=(four, "quaternion_wxyz"))
         return roles
     first = matrices[0]
     taken = {name for each in matrices for name in (*each.rotation, *each.position)}

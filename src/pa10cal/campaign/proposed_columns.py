@@ -38,6 +38,7 @@ from pa10cal.campaign.joint_positions import (
     looks_like_counts,
     scale_of_counts,
 )
+from pa10cal.campaign.orientations import orientation_not_read
 from pa10cal.campaign.own_columns import RotationColumns
 from pa10cal.campaign.raw_file import quaternions
 from pa10cal.campaign.recognise import (
@@ -230,7 +231,15 @@ class ProposedColumns:
         return columns
 
     def _measured(self, T_base_ee: Array | None) -> dict[str, Any]:
-        """Return the columns of what was measured."""
+        """Return the columns of what was measured, and note an orientation that is not read."""
+        if unread := orientation_not_read(self.sniffed, self.roles):
+            read = self.roles.attitude
+            taken = "" if read is None else f"{', '.join(read[0])} taken; "
+            self.checks.append(
+                f"rotation: {taken}{', '.join(unread)} {'seems' if len(unread) == 1 else 'seem'} to "
+                f"hold {'an' if read is None else 'another'} orientation, which is not read: if it is "
+                "that of the target, name its columns, a number in each, under rotation"
+            )
         single, every = self.roles.single, self.roles.positions
         if not every:
             name = single["distance"]

@@ -84,9 +84,13 @@ _ORIENTATIONS = [(tuple(endings.split()), word) for endings, word in WORDS["orie
 #: Kinds of words that a number may follow without a sign, as in tau1.
 _NUMBERED_KINDS = ("torque", "no position", "deviation")
 #: The same of words of two letters and more, as in rot1: R1 is a reflector.
-_TURNED_KINDS = ("rotation", "vector", "quaternion")
+_TURNED_KINDS = (
+    *("rotation", "vector", "quaternion", "rotation vector", "translation", "orientation"),
+)
+#: Vectors of a camera's pose, in one word or two: rvec, r_vec, rotation vector; tvecs.
+_VECTOR = re.compile(r"(?<![a-z\d])([rt])(?:ot(?:ation)?|rans(?:lation)?)?[\s_.-]*vec(?:tor)?s?(?![a-z])")
 #: Words directly before or after x, y, z, as in `tcpx`.
-_BEFORE_AXIS = "p|t|pos|tcp|trans|coord|meas|act|ist"
+_BEFORE_AXIS = "p|t|pos|tcp|trans|tvec|coord|meas|act|ist"
 _AFTER_AXIS = "pos|ist|act|actual|mess|meas|measured|coord|koord|soll|nom|cmd"
 _AXIS = re.compile(rf"(?:{_BEFORE_AXIS})?([xyz])(?:{_AFTER_AXIS})?")
 #: An axis of a numbered place, as in X1, Y1, Z1.
@@ -122,7 +126,7 @@ def words_of_name(name: str) -> tuple[str, ...]:
     if len(name) > MOST_LETTERS:
         return ()
     bare = re.sub(r"(?<=[a-zäöüéèí])(?=[A-Z])", " ", split_unit(name)[0])
-    return tuple(re.findall(r"[a-z]+\d*|\d+", plain(bare)))
+    return tuple(re.findall(r"[a-z]+\d*|\d+", _VECTOR.sub(r"\1vec", plain(bare))))
 
 
 def has_word(words: Sequence[str], *kinds: str) -> bool:
@@ -193,9 +197,11 @@ def roles_of(
         if name not in (*uncertainties, *text, *turns)
         and not has_word(words_of_name(name)[:1], "uncertain")
     ]
-    attitude = _attitude(_without_words(certain, "no position"))
+    attitude = attitude_of(_without_words(certain, "no position"))
     free = [name for name in certain if attitude is None or name not in attitude[0]]
     positions = positions_of(free)
+    if attitude is not None and not positions:
+        positions = {"": triple for triple in _numbered_vectors(free, ("t", "p"))}
     for label, triple in positions.items():
         u = of_whole.get("".join(words_of_name(label)), of_whole.get(""))
         if u is not None and not any(name in uncertain for name in triple):
@@ -228,9 +234,21 @@ def _without_words(names: Sequence[str], *kinds: str) -> list[str]:
 def positions_of(names: Sequence[str]) -> dict[str, tuple[str, ...]]:
     """Return triples of columns x, y, z by the words before them; those of commands are last.
 
-    Where there are none, x1, y1, z1, x2, … are places by their numbers.
+    Where there are none, x1, y1, z1, x2, … are places by their numbers. Components of a translation
+    may be numbered, too.
     """
-    return _triples(names) or _triples(names, numbered=True)
+    numbered = _numbered_vectors(names, _VOCABULARY["translation"])
+    vectors = {_around_axis(triple[0]).rstrip("0123456789"): triple for triple in numbered}
+    return (_triples(names) or _triples(names, numbered=True)) | vectors
+
+
+def _numbered_vectors(names: Sequence[str], words: Collection[str]) -> Iterator[tuple[str, ...]]:
+    """Yield three columns that are numbered from 0 or 1 behind one of these words, as in tvec0."""
+    for (before, after), listed in _series(names).items():
+        numbers = sorted(listed)
+        called = not words_of_name(after) and not {*words_of_name(before)[-1:]}.isdisjoint(words)
+        if called and numbers in ([0, 1, 2], [1, 2, 3]):
+            yield tuple(listed[k] for k in numbers)
 
 
 def _triples(names: Sequence[str], *, numbered: bool = False) -> dict[str, tuple[str, ...]]:
@@ -329,7 +347,7 @@ def beyond(names: Sequence[str], joints: Sequence[str]) -> tuple[str, ...]:
     return tuple(found)
 
 
-def _attitude(names: Sequence[str]) -> tuple[tuple[str, ...], str] | None:
+def attitude_of(names: Sequence[str]) -> tuple[tuple[str, ...], str] | None:
     """Return the columns of an orientation, measured rather than commanded."""
 
     def quaternion(wxyz: Sequence[str]) -> tuple[tuple[str, ...], str]:
@@ -337,13 +355,23 @@ def _attitude(names: Sequence[str]) -> tuple[tuple[str, ...], str] | None:
         order = tuple(sorted(wxyz, key=names.index))
         return order, "quaternion_wxyz" if order[0] == wxyz[0] else "quaternion_xyzw"
 
+    kind = "rotation vector"
     for some in _measured_first(names):
+        # What a camera's software writes, before what may be the controller's own pose.
+        called = [
+            *(tuple(axes.values()) for axes, place in _by_axis(some, "xyz") if has_word(place, kind)),
+            *_numbered_vectors(some, _VOCABULARY[kind]),
+        ]
+        if called:
+            return called[0], "rotation_vector"
         for numbered in (False, True):
             for endings, convention in _ORIENTATIONS:
                 columns = next(_with_endings(some, endings, numbered=numbered), None)
                 if columns is not None:
-                    known = convention.startswith("quaternion")
-                    return quaternion(columns) if known else (columns, convention)
+                    if convention.startswith("quaternion"):
+                        return quaternion(columns)
+                    vector = has_word(words_of_name(columns[0]), "vector")
+                    return columns, "rotation_vector" if vector else convention
         for axes, place in _by_axis(some, "wxyz"):
             if has_word(place, "quaternion", "rotation"):
                 return quaternion(tuple(axes.values()))
