@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -9,6 +11,7 @@ import yaml
 from scipy.spatial.transform import Rotation
 
 from made_up_sightings import is_read, sighted
+from pa10cal.campaign.own_columns import FileColumns
 from pa10cal.campaign.read import read_campaign
 from pa10cal.campaign.recognise import roles_of
 
@@ -32,14 +35,22 @@ def vectors(T):
             (f"rvec{a} rvec{b} rvec{c}", f"tvec{a} tvec{b} tvec{c}")
             for a, b, c in (
                 *("xyz", "XYZ", "012", "123"),
-                *(("_x", "_y", "_z"), (".x", ".y", ".z"), ("[0]", "[1]", "[2]"), ("s_0", "s_1", "s_2")),
+                *(
+                    ("_x", "_y", "_z"),
+                    (".x", ".y", ".z"),
+                    ("[0]", "[1]", "[2]"),
+                    ("s_0", "s_1", "s_2"),
+                ),
             )
         ),
         ("rx_vec ry_vec rz_vec", "tx_vec ty_vec tz_vec"),
         ("r_vec_1 r_vec_2 r_vec_3", "t_vec_1 t_vec_2 t_vec_3"),
         ("rotation_vector_x rotation_vector_y rotation_vector_z", "x y z"),
         ("rodrigues_0 rodrigues_1 rodrigues_2", "translation_0 translation_1 translation_2"),
-        ("board_rvec_x_rad board_rvec_y_rad board_rvec_z_rad", "board_tvec_x_m board_tvec_y_m board_tvec_z_m"),
+        (
+            "board_rvec_x_rad board_rvec_y_rad board_rvec_z_rad",
+            "board_tvec_x_m board_tvec_y_m board_tvec_z_m",
+        ),
     ],
 )
 def test_what_opencv_returns_is_a_rotation_vector_and_a_place(rvec, tvec):
@@ -113,3 +124,137 @@ def test_an_orientation_that_is_not_read_is_said(tmp_path, proposed, what):
     out = proposed("a.csv")
     assert ("which is not read" in out) == (what != "none")
     assert f"check rotation: {said[what]} seem" in out if what in said else True
+
+
+def detection(tag, T):
+    """Return what the binding of AprilTag returns for a tag at T."""
+    place = T[:3, 3:].tolist()
+    return {"tag_id": tag, "center": [640.0, 360.0], "pose_R": T[:3, :3].tolist(), "pose_t": place}
+
+
+def detections(raw, found):
+    """Return a record a line: joints, and what was detected at each pose of the target."""
+    rows = zip(raw.q.tolist(), map(found, raw.T_instr_target), strict=True)
+    return "\n".join(json.dumps({"joint_positions": q, "detections": each}) for q, each in rows)
+
+
+def test_a_list_of_one_detected_tag_is_that_tag(tmp_path, proposed):
+    raw = sighted(tmp_path, "pose")
+    (tmp_path / "a.jsonl").write_text(detections(raw, lambda T: [detection(3, T)]))
+    out = proposed("a.jsonl")
+    names = yaml.safe_load(out)["columns"]["poses"]["position"]["names"]
+    assert names == [f"detections.pose_t {axis}" for axis in "xyz"]
+    is_read(read_campaign(tmp_path), raw.q, raw.T_instr_target)
+
+
+@pytest.mark.parametrize("unseen", [[], None])
+def test_where_no_tag_was_detected_the_row_has_no_reading(tmp_path, proposed, unseen):
+    raw = sighted(tmp_path, "pose")
+    seen = iter(range(len(raw.q)))
+    text = detections(raw, lambda T: [detection(3, T)] if next(seen) % 10 else unseen)
+    (tmp_path / "a.jsonl").write_text(text)
+    proposed("a.jsonl")
+    found = read_campaign(tmp_path)
+    assert len(found.observations) == 36
+    assert len(found.quarantined) == 4
+
+
+def test_of_several_detected_tags_each_has_its_number(tmp_path, proposed):
+    """In any order; the one that is read is the same in all rows."""
+    raw = sighted(tmp_path, "pose")
+    beside = np.eye(4)
+    beside[0, 3] = 0.1
+    order = iter(range(len(raw.q)))
+    text = detections(
+        raw, lambda T: [detection(3, T), detection(11, T @ beside)][:: 1 - 2 * (next(order) % 2)]
+    )
+    (tmp_path / "a.jsonl").write_text(text)
+    out = proposed("a.jsonl")
+    assert "check position: detections.3.pose_t x" in out
+    assert "detections.11.pose_R_33 seem to hold another orientation" in out
+    is_read(read_campaign(tmp_path), raw.q, raw.T_instr_target)
+
+
+STAMPS = [
+    ("header.stamp.secs", "header.stamp.nsecs", "ns"),
+    (".header.stamp.sec", ".header.stamp.nanosec", "ns"),
+    ("secs", "nsecs", "ns"),
+    ("tv_sec", "tv_usec", "us"),
+    ("stampSec", "stampNanosec", "ns"),
+]
+
+
+@pytest.mark.parametrize(("seconds", "part", "unit"), STAMPS)
+def test_seconds_and_their_part_are_one_time(tmp_path, proposed, seconds, part, unit):
+    raw = sighted(tmp_path, "pose")
+    time_us = 1_700_000_000_400_000 + 730_000 * np.arange(len(raw.q))
+    parts = [time_us // 10**6, time_us % 10**6 * (1000 if unit == "ns" else 1)]
+    q = Rotation.from_matrix(raw.T_instr_target[:, :3, :3]).as_quat(scalar_first=True)
+    names = [seconds, part, "x", "y", "z", "qw", "qx", "qy", "qz"]
+    table = with_joints(raw, names, np.column_stack(parts), raw.T_instr_target[:, :3, 3], q)
+    table.astype({seconds: int, part: int}).to_csv(tmp_path / "a.csv", index=False)
+    out = proposed("a.csv")
+    assert yaml.safe_load(out)["columns"]["poses"]["time"] == {
+        "names": [seconds, part],
+        "unit": ["s", unit],
+    }
+    assert f"{part}  time, in {unit}" in " ".join(out.split()).replace(" time", "  time")
+    time_s = read_campaign(tmp_path).observations.states.time_s
+    np.testing.assert_allclose(time_s - time_s[0], 0.73 * np.arange(len(raw.q)), atol=1e-6)
+
+
+def test_one_time_in_two_units_is_read_once(tmp_path, proposed):
+    raw = sighted(tmp_path, "points", targets=1)
+    time_s = 3.0 * np.arange(len(raw.q))
+    names = ["t_s", "t_ms", "x", "y", "z"]
+    table = with_joints(
+        raw, names, np.column_stack([time_s, 1e3 * time_s]), raw.T_instr_target[:, :3, 3]
+    )
+    table.to_csv(tmp_path / "a.csv", index=False)
+    assert yaml.safe_load(proposed("a.csv"))["columns"]["poses"]["time"] == {"names": "t_s"}
+
+
+@pytest.mark.parametrize("same", [True, False])
+def test_two_logs_with_stamps_in_two_columns_are_joined(tmp_path, proposed, same):
+    """Equal seconds are no labels, nor are equal numbers of both logs."""
+    raw = sighted(tmp_path, "pose")
+    time_s = 1_700_000_000 + np.cumsum(np.random.default_rng(1).integers(8, 14, len(raw.q)))
+    q = Rotation.from_matrix(raw.T_instr_target[:, :3, :3]).as_quat()
+    ns = 250_000_000 + 1000 * np.arange(len(raw.q))
+    stamp = [".header.stamp.secs", ".header.stamp.nsecs"]
+    joints = pd.DataFrame({stamp[0]: time_s, stamp[1]: ns})
+    joints[[f".position[{k}]" for k in range(6)]] = raw.q
+    tags = pd.DataFrame({stamp[0]: time_s + (not same), stamp[1]: ns + 20_000_000})
+    tags[[f".pose.position.{axis}" for axis in "xyz"]] = raw.T_instr_target[:, :3, 3]
+    tags[[f".pose.orientation.{axis}" for axis in "xyzw"]] = q
+    joints.to_csv(tmp_path / "joints.csv", index=False)
+    tags.to_csv(tmp_path / "tag.csv", index=False)
+    out = proposed("joints.csv", "tag.csv")
+    assert "it is refused" not in out
+    columns = yaml.safe_load(out)["columns"]
+    assert {key: each["time"]["names"] for key, each in columns.items()} == dict.fromkeys(
+        ("joints", "readings"), stamp
+    )
+    assert "pose" not in columns["readings"]
+    is_read(read_campaign(tmp_path), raw.q, raw.T_instr_target)
+
+
+@pytest.mark.parametrize("time", [{"unit": "s"}, {"unit": ["s", "ns", "us"]}])
+def test_two_columns_of_numbers_have_a_unit_each(tmp_path, time):
+    FileColumns.model_validate({"time": {"names": ["a", "b"], "unit": ["s", "ns"]}})
+    with pytest.raises(ValueError, match="one unit for each column"):
+        FileColumns.model_validate({"time": {"names": ["a", "b"]} | time})
+
+
+@pytest.mark.parametrize("named", [True, False])
+def test_rows_without_a_reading_below_the_names_are_rows(tmp_path, proposed, named):
+    raw = sighted(tmp_path, "pose")
+    names = [f"{vector}_{axis}" for vector in ("rvec", "tvec") for axis in "xyz"]
+    table = with_joints(raw, names, *vectors(raw.T_instr_target))
+    table.loc[:1, names] = np.nan
+    if named:
+        table.insert(0, "image", [f"img_{k:04d}.png" for k in range(len(table))])
+    table.to_csv(tmp_path / "a.csv", index=False)
+    proposed("a.csv")
+    found = read_campaign(tmp_path)
+    assert (len(found.observations), len(found.quarantined)) == (38, 2)

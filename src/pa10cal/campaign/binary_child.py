@@ -170,6 +170,9 @@ _EPISODE, _EPISODE_TIME = "episode_index", "timestamp"
 _JOINTS = re.compile(
     r"(?:.*[^a-z])?(?:q|th|theta|thetas|j|joint|joints|jnt|axis|axes|angles?)\d*", re.I
 )
+#: Keys that name each of several records of a row, and how many names there are at most.
+_NAMES_OF_RECORDS = ("tag_id", "marker_id", "id", "name", "label", "child_frame_id")
+_MOST_RECORDS = 100
 #: Vectors of this length are x, y, z; arrays of these shapes are matrices.
 _XYZ, _MATRICES = 3, ((4, 4), (3, 4), (3, 3))
 
@@ -378,15 +381,18 @@ def _flattened(name: str, value: Any) -> Iterator[tuple[str, Any]]:
 
     if isinstance(value, np.ndarray) and value.dtype == object:
         value = value.tolist()
-    if isinstance(value, list) and value and all(isinstance(record, dict) for record in value):
-        keys = dict.fromkeys(key for record in value for key in record)
-        value = {key: [record.get(key) for record in value] for key in keys}
+    if isinstance(value, list) and _are_all(value, list):
+        records = [record for row in value for record in row or ()]
+        value = _by_their_names(value, records) if _are_all(records, dict) else value
+    if isinstance(value, list) and _are_all(value, dict):
+        keys = dict.fromkeys(key for record in value for key in record or ())
+        value = {key: [(record or {}).get(key) for record in value] for key in keys}
     if isinstance(value, dict):
         for key, part in value.items():
             yield from _flattened(f"{name}.{key}" if name else str(key), part)
         return
     try:
-        array = np.asarray(value)
+        array = np.asarray(_filled(value) if isinstance(value, list) else value)
     except ValueError:  # rows of several lengths
         return
     if array.dtype == object:
@@ -396,6 +402,41 @@ def _flattened(name: str, value: Any) -> Iterator[tuple[str, Any]]:
         except (TypeError, ValueError):
             array = np.array([_text("" if each is None else each) for each in array.tolist()])
     yield name, array
+
+
+def _are_all(values: list[Any], kind: type) -> bool:
+    """Return whether values are of a kind, or missing; not all of them may be missing."""
+    given = [value for value in values if value is not None]
+    return bool(given) and all(isinstance(value, kind) for value in given)
+
+
+def _by_their_names(rows: list[Any], records: list[dict[str, Any]]) -> list[Any]:
+    """Return a record for each row, of rows that are lists of records, such as detected tags.
+
+    Where rows have several, or of several names, a record has those of the row by their names, else
+    by their numbers. Of very many nothing is read.
+    """
+    key = next((each for each in _NAMES_OF_RECORDS if all(each in of for of in records)), None)
+    named: list[dict[str, Any]] = []
+    for row in rows:
+        named.append({})
+        for number, record in enumerate(row or (), start=1):
+            named[-1].setdefault(str(record[key] if key else number), record)
+    names = dict.fromkeys(each for row in named for each in row)
+    if len(names) == 1:
+        return [next(iter(row.values()), None) for row in named]
+    return named if len(names) <= _MOST_RECORDS else []
+
+
+def _filled(rows: list[Any]) -> list[Any]:
+    """Return rows in which arrays that are missing are blank."""
+    import numpy as np
+
+    shapes = {np.shape(row) for row in rows if isinstance(row, list)}
+    if len(shapes) != 1 or not any(row is None for row in rows):
+        return rows
+    blank = np.full(shapes.pop(), np.nan).tolist()
+    return [blank if row is None else row for row in rows]
 
 
 def _print_arrays(content: dict[str, Any], column_names: dict[str, list[str]], most_s: int) -> None:

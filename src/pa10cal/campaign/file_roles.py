@@ -73,7 +73,9 @@ def _with_place_of_oriented_body(roles: Roles) -> Roles:
         of_other = _words_of_body(names) != _words_of_body(columns)
         return has_word(words, "commanded"), of_other, vector and not translation
 
-    return replace(roles, positions={k: roles.positions[k] for k in sorted(roles.positions, key=other)})
+    return replace(
+        roles, positions={k: roles.positions[k] for k in sorted(roles.positions, key=other)}
+    )
 
 
 def _words_of_body(columns: Sequence[str]) -> tuple[str, ...]:
@@ -81,6 +83,7 @@ def _words_of_body(columns: Sequence[str]) -> tuple[str, ...]:
     first, *others = map(words_of_name, columns)
     shared = [word for word in first if all(word in words for words in others)]
     kinds = "of any joint", "rotation", "quaternion", "translation", "vector"
+    shared = [word for word in shared if word not in ("t", "p")]
     return tuple(word for word in shared if not has_word([word], *kinds))
 
 

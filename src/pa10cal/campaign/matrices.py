@@ -134,7 +134,9 @@ def with_matrix(roles: Roles, names: Sequence[str], numbers: Array) -> Roles:
             return replace(roles, attitude=(nine, "matrix"))
         place = next(iter(roles.positions.values()))
         for four in _beside(names, place):
-            if set(four) <= set(free) and quaternion_columns(four, numbers[:, list(map(names.index, four))]):
+            if set(four) <= set(free) and quaternion_columns(
+                four, numbers[:, list(map(names.index, four))]
+            ):
                 return replace(roles, attitude=(four, "quaternion_wxyz"))
         return roles
     first = matrices[0]

@@ -62,6 +62,7 @@ Name = Annotated[str, StringConstraints(min_length=1)]
 Names = Annotated[tuple[Name, ...], BeforeValidator(_as_names), Field(min_length=1)]
 Three = Annotated[tuple[Name, ...], BeforeValidator(_as_names), Field(min_length=3, max_length=3)]
 LengthUnit = Literal["mm", "cm", "m", "um", "in"]
+TimeUnit = Literal["s", "ms", "us", "ns", "min", "d"]
 One = Annotated[tuple[Name], BeforeValidator(_as_names)]
 # No single u: it marks columns of uncertainties.
 Target = Annotated[str, StringConstraints(pattern=r"^([A-Za-tv-z0-9]|[A-Za-z0-9]{2,})$")]
@@ -71,13 +72,19 @@ class Time(Section):
     """When a row was taken."""
 
     names: Names = Field(description="one column, or two with date and time of day")
-    unit: Literal["s", "ms", "us", "ns", "min", "d"] = Field(
-        "s", description="d: days, as in workbooks"
+    unit: Annotated[tuple[TimeUnit, ...], BeforeValidator(_as_tuple)] = Field(
+        ("s",), description="d: days, as in workbooks; [s, ns] of two columns that are added"
     )
     format: Name | None = Field(
         default=None,
         description="of dates and times: iso, or such as %d.%m.%Y %H:%M:%S; without it, numbers",
     )
+
+    @model_validator(mode="after")
+    def _a_unit_each(self) -> Self:
+        if len(self.unit) != (1 if self.format else len(self.names)):
+            raise ValueError("one unit for each column of numbers, such as [s, ns]; else format")
+        return self
 
 
 class Joints(Section):
@@ -285,7 +292,7 @@ class FileColumns(Layout):
             return OwnColumn(names, unit, FACTORS[unit], OFFSETS.get(unit, 0.0), f"{section}.{key}")
 
         if self.time is not None:
-            unit = "" if self.time.format else self.time.unit
+            unit = "" if self.time.format or len(self.time.unit) > 1 else self.time.unit[0]
             yield "time_s", source("time", self.time.names, unit)
         for key in ("pose", "repeat", "ball", "touch"):
             if (names := getattr(self, key)) is not None:

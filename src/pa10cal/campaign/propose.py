@@ -174,11 +174,16 @@ def _labels_of_logs(
         for roles, log in ((joint_roles, joints_log), (reading_roles, readings_log))
     )
     without_targets = labels_without_targets(readings_log, reading_roles)
-    return (
+    labels = (
         shared_labels(joint_texts, reading_texts)
         or shared_labels(joint_texts, without_targets)
         or labels_of_both(joints_log, readings_log)
     )
+    logs = (joint_roles, joints_log), (reading_roles, readings_log)
+    times = [ProposedColumns(log, roles, None).names_of_time() for roles, log in logs]
+    if labels is None or any(label in read for label, read in zip(labels, times, strict=True)):
+        return None  # a time that is read as such is no label, too
+    return labels
 
 
 def _at_joints(
@@ -285,6 +290,9 @@ def _read_as(
             uses.setdefault(own, {})[how] = None
     if model.target is not None:
         uses.setdefault(model.target.names[0], {})["which target the row is of"] = None
+    if model.time is not None and len(model.time.names) > 1 and model.time.format is None:
+        parts = zip(model.time.names, model.time.unit, strict=True)
+        uses |= {own: {f"time, in {unit}": None} for own, unit in parts}
     if follows_contract(sniffed):
         for name in sniffed.names:
             if name in _CONTRACT_ALONE or name.removeprefix("u_") in uses:

@@ -230,15 +230,22 @@ class ProposedColumns:
         self.checks += [check] if check else []
         return columns
 
+    def names_of_time(self) -> tuple[str, ...]:
+        """Return the columns that are read as the time."""
+        names = self._time().get("time", {}).get("names", ())
+        return (names,) if isinstance(names, str) else tuple(names)
+
     def _measured(self, T_base_ee: Array | None) -> dict[str, Any]:
         """Return the columns of what was measured, and note an orientation that is not read."""
         if unread := orientation_not_read(self.sniffed, self.roles):
             read = self.roles.attitude
             taken = "" if read is None else f"{', '.join(read[0])} taken; "
+            seem = "seems" if len(unread) == 1 else "seem"
+            what = "an" if read is None else "another"
             self.checks.append(
-                f"rotation: {taken}{', '.join(unread)} {'seems' if len(unread) == 1 else 'seem'} to "
-                f"hold {'an' if read is None else 'another'} orientation, which is not read: if it is "
-                "that of the target, name its columns, a number in each, under rotation"
+                f"rotation: {taken}{', '.join(unread)} {seem} to hold {what} orientation, which is "
+                "not read: if it is that of the target, name its columns, a number in each, under "
+                "rotation"
             )
         single, every = self.roles.single, self.roles.positions
         if not every:

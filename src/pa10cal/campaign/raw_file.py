@@ -22,6 +22,7 @@ from pa10cal.campaign.bounds import rule_of
 from pa10cal.campaign.column_map import (
     ANGLES,
     CONTRACT_COLUMNS,
+    FACTORS,
     LENGTHS,
     QUATERNION,
     ColumnMap,
@@ -277,6 +278,13 @@ class RawFile:
                 seconds, text = _clock(raw, columns.time, from_first=self.key == "poses")
                 made[name], unread = seconds, np.flatnonzero(np.isnan(seconds))
                 non_numeric[name] = {int(raw.line[k]): text[k] for k in unread}
+            elif name == "time_s" and columns.time and len(columns.time.names) > 1:
+                parts = zip(columns.time.names, columns.time.unit, strict=True)
+                made[name] = np.sum([FACTORS[unit] * raw.columns[own] for own, unit in parts], 0)
+                texts_of_parts = (raw.non_numeric[own] for own in columns.time.names)
+                non_numeric[name] = {
+                    n: text for texts in texts_of_parts for n, text in texts.items()
+                }
             else:
                 values = source.factor * raw.columns[source.name] + source.offset
                 # An uncertainty of 0 states nothing.

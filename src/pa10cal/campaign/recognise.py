@@ -88,7 +88,9 @@ _TURNED_KINDS = (
     *("rotation", "vector", "quaternion", "rotation vector", "translation", "orientation"),
 )
 #: Vectors of a camera's pose, in one word or two: rvec, r_vec, rotation vector; tvecs.
-_VECTOR = re.compile(r"(?<![a-z\d])([rt])(?:ot(?:ation)?|rans(?:lation)?)?[\s_.-]*vec(?:tor)?s?(?![a-z])")
+_VECTOR = re.compile(
+    r"(?<![a-z\d])([rt])(?:ot(?:ation)?|rans(?:lation)?)?[\s_.-]*vec(?:tor)?s?(?![a-z])"
+)
 #: Words directly before or after x, y, z, as in `tcpx`.
 _BEFORE_AXIS = "p|t|pos|tcp|trans|tvec|coord|meas|act|ist"
 _AFTER_AXIS = "pos|ist|act|actual|mess|meas|measured|coord|koord|soll|nom|cmd"
@@ -106,6 +108,8 @@ _EXPANDED = re.compile(
     r"\bu\W*(?:95|0\.95)\b\W*|\b95\s*%|\bk\s*=\s*(?P<k>\d(?:\.\d+)?)|(?P<sigmas>[23])\s*-?sigma\b"
     r"|\b(?:expanded|erweiterte|elargie|expandida)\b"
 )
+#: Other words before the seconds of a stamp.
+_OF_STAMPS = ("header", "tv")
 #: Encodings that are mistaken for each other.
 _ENCODINGS = ("utf-8", "cp1252", "cp850", "mac_roman")
 _ELEVATION = frozenset(WORDS["from horizon"].split())
@@ -201,7 +205,8 @@ def roles_of(
     free = [name for name in certain if attitude is None or name not in attitude[0]]
     positions = positions_of(free)
     if attitude is not None and not positions:
-        positions = {"": triple for triple in _numbered_vectors(free, ("t", "p"))}
+        triple = next(_numbered_vectors(free, ("t", "p")), None)
+        positions = {} if triple is None else {"": triple}
     for label, triple in positions.items():
         u = of_whole.get("".join(words_of_name(label)), of_whole.get(""))
         if u is not None and not any(name in uncertain for name in triple):
@@ -223,6 +228,10 @@ def roles_of(
         uncertain.setdefault(single["distance"], of_whole[""])
     others = {name for key, name in single.items() if key != "time"}
     times = [name for name in free if has_word(words_of_name(name), "time") and name not in others]
+    parts = next(iter(parts_of_stamps([name for name in free if name not in others])), None)
+    if parts is not None and single.get("time", parts[0]) in parts:
+        single["time"] = parts[0]
+        times = list(dict.fromkeys((*times, *parts)))
     return Roles(turns, torques, positions, attitude, uncertain, single, tuple(times))
 
 
@@ -282,6 +291,26 @@ def _single_columns(names: Sequence[str], text: Collection[str]) -> dict[str, st
         if named:
             single[key] = named[0]
     return single
+
+
+def parts_of_stamps(names: Sequence[str]) -> list[tuple[str, str]]:
+    """Return the stamps in two columns, seconds and the part of a second, as ROS has them.
+
+    Their names differ only by a last word, such as secs and nsecs, sec and nanosec.
+    """
+    by_unit: dict[str, dict[str, str]] = {}
+    for name in names:
+        bare = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name[:MOST_LETTERS]).rstrip(")]} ")
+        found = re.fullmatch(r"(?P<rest>.*?)[\W_]*(?P<unit>[a-z]+)", plain(bare))
+        rest = () if found is None else words_of_name(found["rest"])
+        if found is not None and (not rest or has_word(rest, "time") or rest[-1] in _OF_STAMPS):
+            by_unit.setdefault(canonical_unit(found["unit"]), {})[found["rest"]] = name
+    return [
+        (seconds, by_unit[part][rest])
+        for rest, seconds in by_unit.get("s", {}).items()
+        for part in ("ns", "us", "ms")
+        if rest in by_unit.get(part, {})
+    ]
 
 
 def _measured_first(names: Sequence[str]) -> tuple[list[str], list[str]]:
@@ -359,7 +388,11 @@ def attitude_of(names: Sequence[str]) -> tuple[tuple[str, ...], str] | None:
     for some in _measured_first(names):
         # What a camera's software writes, before what may be the controller's own pose.
         called = [
-            *(tuple(axes.values()) for axes, place in _by_axis(some, "xyz") if has_word(place, kind)),
+            *(
+                tuple(axes.values())
+                for axes, place in _by_axis(some, "xyz")
+                if has_word(place, kind)
+            ),
             *_numbered_vectors(some, _VOCABULARY[kind]),
         ]
         if called:

@@ -24,7 +24,7 @@ from pa10cal.campaign.csv_rows import (
     too_many_columns,
 )
 from pa10cal.campaign.formats import Format, format_of_columns, format_of_file, table_lines
-from pa10cal.campaign.recognise import MOST_LETTERS, canonical_unit, unit_alone
+from pa10cal.campaign.recognise import MOST_LETTERS, canonical_unit, parts_of_stamps, unit_alone
 from pa10cal.campaign.text_lines import TextLine, binary_kind, encoding_of
 from pa10cal.errors import RawDataError
 
@@ -123,6 +123,8 @@ def sniff(path: Path) -> Sniffed:
     # The first row has nearly as many numbers as most rows; the table of a format has one header.
     usual = float(np.median(shares))
     body = 1 if made else next(k for k, share in enumerate(shares) if share >= 0.6 * usual)
+    if not made and body > 1:
+        body = _first_row(rows, values, body)
     if len(rows) == body:
         raise RawDataError(
             "there is no whole row under the names of the columns",
@@ -155,6 +157,21 @@ def sniff(path: Path) -> Sniffed:
         titles,
         path.name,
     )
+
+
+def _first_row(rows: Sequence[tuple[int, list[str]]], values: Array, body: int) -> int:
+    """Return where rows begin, of which the first ones may lack most numbers, as of hidden targets.
+
+    Such a row has numbers or blanks where the rows from `body` on have numbers; it is no header.
+    """
+    text = np.isnan(values[body:]).mean(axis=0) > 0.5
+    while body > 1:
+        blank = np.array([field.strip() == "" for field in rows[body - 1][1]])
+        known = ~np.isnan(values[body - 1])
+        if known.sum() < LEAST_FIELDS or not (blank | known | text).all():
+            break
+        body -= 1
+    return body
 
 
 def _lines_looked_at(path: Path, name: str | None, notes: list[str]) -> list[tuple[int, str]]:
@@ -319,6 +336,10 @@ def time_columns(
     """
     words, numbers = sniffed.words(name), sniffed.column(name)
     names: str | list[str] = name
+    parts = next((each for each in parts_of_stamps(others) if each[0] == name), None)
+    unit_of_part = None if parts is None else _unit_of_part(sniffed, *parts)
+    if parts is not None and unit_of_part is not None:
+        return {"time": {"names": list(parts), "unit": ["s", unit_of_part]}}, ""
     first = {other: sniffed.words(other)[0] for other in others}
     days = [other for other, word in first.items() if _DAY.fullmatch(word)]
     clocks = [other for other, word in first.items() if _CLOCK.fullmatch(word)]
@@ -340,6 +361,17 @@ def time_columns(
     if others_possible:
         check = f"time.format: {form}; {words[0]} may be {others_possible[0]} as well"
     return {"time": {"names": names, "format": form}}, check
+
+
+def _unit_of_part(sniffed: Sniffed, seconds: str, part: str) -> str | None:
+    """Return the unit of the part of a second beside whole seconds; None where it is none."""
+    whole, parts = sniffed.column(seconds), sniffed.column(part)
+    known = np.isfinite(whole) & np.isfinite(parts)
+    whole, parts = whole[known], parts[known]
+    unit = canonical_unit(re.findall(r"[^\W_]+", re.sub(r"(?<=[a-z])(?=[A-Z])", "_", part))[-1])
+    a_second = {"ns": 1e9, "us": 1e6, "ms": 1e3}[unit]
+    right = known.mean() > 0.9 and _whole(whole) and _whole(parts) and np.ptp(parts) > 0.0
+    return unit if right and parts.min() >= 0.0 and parts.max() < a_second else None
 
 
 def _unit_of_time(name: str, numbers: Array) -> tuple[str, str]:
