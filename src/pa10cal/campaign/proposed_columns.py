@@ -31,6 +31,7 @@ from pa10cal.campaign.conventions import (
     read_polar,
 )
 from pa10cal.campaign.csv_rows import same_name
+from pa10cal.campaign.file_roles import orientation_not_read
 from pa10cal.campaign.inverse_poses import way_of_inverse_poses
 from pa10cal.campaign.joint_positions import (
     CountScale,
@@ -38,7 +39,6 @@ from pa10cal.campaign.joint_positions import (
     looks_like_counts,
     scale_of_counts,
 )
-from pa10cal.campaign.orientations import orientation_not_read
 from pa10cal.campaign.own_columns import RotationColumns
 from pa10cal.campaign.raw_file import quaternions
 from pa10cal.campaign.recognise import (
