@@ -202,6 +202,32 @@ def test_the_best_variance_is_found_where_hundreds_of_rows_have_a_part(variance)
     assert found.variances.pose == pytest.approx(np.exp(best.x), rel=0.1)
 
 
+@pytest.mark.parametrize("amounts", [(7.0, -5.0), (20.0, -10.0)])
+def test_the_best_variances_are_found_where_poses_and_torques_contradict_each_other(amounts):
+    """The amount is that of either channel: the other then has a large shared error."""
+    rng, n = np.random.default_rng(5), 20
+    shared = SharedByCells(eye_array(n).tocsr(), np.ones(n))
+    channel = NoiseModel.of(np.ones((n, 1, 1)), shared, np.zeros((n, 1, 0)))
+    columns = rng.normal(size=(2, n, 1))
+    data = rng.normal(size=(2, n)) + np.array(amounts)[:, None] * columns[:, :, 0]
+    candidate = CandidateRows(*columns, np.eye(1))
+    lin = LinearisedCandidates(*data, np.zeros((n, 0)), (candidate,))
+    found = SetEvidence(channel, channel, lin).score(((0, 1),))
+
+    def log_density(pair):
+        own = np.diag(np.repeat(1.0 + np.array(pair), n))
+        covariance = own + columns.reshape(-1, 1) @ columns.reshape(1, -1)
+        return float(multivariate_normal.logpdf(data.ravel(), cov=covariance))
+
+    table = {
+        pair: log_density(SHARED_VARIANCES[list(pair)])
+        for pair in product(range(len(SHARED_VARIANCES)), repeat=2)
+    }
+    assert found.grid_index == max(table, key=table.get)
+    there = log_density((found.variances.pose, found.variances.torque)) - penalty((0,))
+    assert found.log_evidence == pytest.approx(there + n * np.log(2.0 * np.pi), abs=0.1)
+
+
 TRIALS, ALPHA = 250, 0.2
 #: Candidates and sizes whose mean ratio does not rest on a few rare draws.
 STEADY = ((3, 1), (0, 0), (1, 0))

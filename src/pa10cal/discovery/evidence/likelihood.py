@@ -10,6 +10,7 @@ P(ratio > m / alpha for any of m candidates) <= alpha (Markov's inequality), wha
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
@@ -57,7 +58,7 @@ class Score:
 
     log_evidence: float  # natural logarithm, up to a constant of the data
     variances: SharedVariances  # the most likely ones
-    grid_index: tuple[int, int]  # of the two nearest `SHARED_VARIANCES`
+    grid_index: tuple[int, int]  # those of the best `SHARED_VARIANCES`, before interpolation
 
 
 class Addition(NamedTuple):
@@ -81,20 +82,21 @@ class SetEvidence:
         stops = np.cumsum([0, *(block.factor.shape[1] for block in blocks)])
         self._columns = [np.arange(first, last) for first, last in pairwise(stops.tolist())]
         self._shows_in_torque = np.array([np.any(block.torque) for block in blocks], dtype=bool)
-        none = np.zeros((len(rows.pose_data), 0))
-        of_pose = [none, *(block.pose @ block.factor for block in blocks)]
+        no_columns = np.zeros((len(rows.pose_data), 0))
+        of_pose = [no_columns, *(block.pose @ block.factor for block in blocks)]
         self._pose = reduced(pose, np.concatenate(of_pose, axis=1), rows.pose_data, rows.own)
         # Without torques their normal equations are zero.
         width = int(stops[-1])
         self._torque = Gaussians.of([Gaussian.none(width)])
         if torque is not None:
-            none = np.zeros((len(rows.torque_data), 0))
+            no_columns = np.zeros((len(rows.torque_data), 0))
             showing = np.flatnonzero(self._shows_in_torque).tolist()
-            of_torque = [none, *(blocks[k].torque @ blocks[k].factor for k in showing)]
+            of_torque = [no_columns, *(blocks[k].torque @ blocks[k].factor for k in showing)]
+            of_showing = reduced(
+                torque, np.concatenate(of_torque, axis=1), rows.torque_data, no_columns
+            )
             # The columns of all others are zero.
-            at = np.concatenate([np.zeros(0, np.intp), *(self._columns[k] for k in showing)])
-            found = reduced(torque, np.concatenate(of_torque, axis=1), rows.torque_data, none)
-            self._torque = found.among(at, width)
+            self._torque = of_showing.among(_joined(self._columns[k] for k in showing), width)
         self._scores: dict[CandidateSet, Score] = {}
         self._additions: dict[tuple[CandidateSet, tuple[int, ...]], list[Addition]] = {}
         self._last: tuple[tuple[int, ...], Gaussians, Gaussians] | None = None
@@ -108,138 +110,122 @@ class SetEvidence:
     def additions(self, chosen: CandidateSet, candidates: list[int]) -> list[Addition]:
         """Return the gain of a set by each of some candidates.
 
-        At the variances of the grid; `score` interpolates between them.
+        It is the best at variances of the grid: at any of the poses' with that of the torques that
+        is best without the candidate, and the other way round if the candidate shows in torques. A
+        candidate may be what one of both shared errors was, seldom both; `score` then looks
+        everywhere, and between the variances of the grid.
         """
         if (key := (chosen, tuple(candidates))) in self._additions:
             return self._additions[key]
         g, h = self.score(chosen).grid_index
-        at_g, at_h, every = slice(g, g + 1), slice(h, h + 1), slice(None)
+        best_pose, best_torque, every = slice(g, g + 1), slice(h, h + 1), slice(None)
         gains = np.empty((len(EVIDENCE.sizes), len(candidates)))
+        # Candidates with equally many columns are computed together.
         widths = np.array([len(self._columns[k]) for k in candidates], dtype=np.intp)
         for width in np.unique(widths):
             at = np.flatnonzero(widths == width)
-            own = np.stack([self._columns[candidates[k]] for k in at])
-            gains[:, at] = self._gains(chosen, own, every, at_h)
+            columns = np.stack([self._columns[candidates[k]] for k in at])
+            gains[:, at] = self._gains(chosen, columns, every, best_torque)
             shows = self._shows_in_torque[np.array(candidates)[at]]
-            if shows.any():  # then the variance of the torques' shared error is varied, too
-                again = self._gains(chosen, own[shows], at_g, every)
-                gains[:, at[shows]] = np.maximum(gains[:, at[shows]], again)
+            if shows.any():
+                by_torque = self._gains(chosen, columns[shows], best_pose, every)
+                gains[:, at[shows]] = np.maximum(gains[:, at[shows]], by_torque)
         best, cost = np.argmax(gains, axis=0), float(np.log(len(EVIDENCE.sizes)))
         found = [Addition(float(gains[size, k]) - cost, int(size)) for k, size in enumerate(best)]
         self._additions[key] = found
         return found
 
     def _gains(
-        self, chosen: CandidateSet, own: Index, pose_variances: slice, torque_variances: slice
+        self, chosen: CandidateSet, columns: Index, pose_variances: slice, torque_variances: slice
     ) -> Array:
         """Return the gain in log evidence of a set by c candidates at each size, (sizes, c).
 
-        By their columns (c, k), at the best of some of the grid's variances.
+        Args:
+            chosen: the set; it has k columns.
+            columns: (c, j) the columns of each candidate.
+            pose_variances: those of the grid to try; one of them, or all.
+            torque_variances: likewise. v pairs are tried, of which the best counts.
         """
-        columns, scale = self._columns_and_sizes(chosen)
+        of_set, set_sizes = self._columns_and_sizes(chosen)
         pose, torque = self._pose[pose_variances], self._torque[torque_variances]
-        of_set = (pose.along(columns) + torque.along(columns)).in_sizes(scale)
-        across = pose.across(columns, own.ravel()) + torque.across(columns, own.ravel())
-        across = (across * scale[:, None]).reshape(*across.shape[:2], *own.shape)
-        inner = (slice(None), own[:, :, None], own[:, None, :])
-        gram = pose.gram[inner] + torque.gram[inner]
-        projection = pose.projection[:, own] + torque.projection[:, own]
-        of_candidates = of_set.of_each_further(across, gram, projection)
+        without = (pose.along(of_set) + torque.along(of_set)).in_sizes(set_sizes)  # (v,)
+        across = pose.across(of_set, columns.ravel()) + torque.across(of_set, columns.ravel())
+        across = across * set_sizes[:, None]  # (v, k, c j)
+        across = across.reshape(*across.shape[:2], *columns.shape)  # (v, k, c, j)
+        of_each = (slice(None), columns[:, :, None], columns[:, None, :])
+        gram = pose.gram[of_each] + torque.gram[of_each]  # (v, c, j, j)
+        projection = pose.projection[:, columns] + torque.projection[:, columns]  # (v, c, j)
+        with_each = without.of_each_further(across, gram, projection)  # (v, c)
         sizes = np.array(EVIDENCE.sizes)[:, None, None, None]
-        with_each = of_candidates.in_sizes(sizes).log_evidence.max(axis=1)
-        return np.asarray(with_each - of_set.log_evidence.max())
+        log_evidence = with_each.in_sizes(sizes).log_evidence  # (sizes, v, c)
+        return np.asarray(log_evidence.max(axis=1) - without.log_evidence.max())
 
     def _score(self, chosen: CandidateSet) -> Score:
         """Return the evidence of a set, at the most likely variances of both shared errors."""
-        columns, scale = self._columns_and_sizes(chosen)
-        members = tuple(k for k, _ in chosen)
-        if self._last is None or self._last[0] != members:  # often scored at other sizes
-            self._last = members, self._pose.along(columns), self._torque.along(columns)
-        pose, torque = (channel.in_sizes(scale) for channel in self._last[1:])
-        shows = bool(self._shows_in_torque[list(members)].any())
-        costs = _Costs(pose, torque, both_show=shows)
-        g, h = costs.least()
-        pose_gain, pose_variance = _refined_by_spline(costs.by_pose(h), g)
-        torque_gain, torque_variance = _refined_by_spline(costs.by_torque(g), h)
+        on_grid = self._on_grid(chosen)
+        g, h = _place_of_largest(on_grid)
+        pose_variances, by_pose = _spline_about(g)
+        torque_variances, by_torque = _spline_about(h)
+        between = by_pose @ on_grid @ by_torque.T
+        p, t = _place_of_largest(between)
         return Score(
-            log_evidence=-0.5 * (float(costs.by_pose(h)[g]) - pose_gain - torque_gain)
-            - float(np.log(len(EVIDENCE.sizes))) * len(members),
-            variances=SharedVariances(pose_variance, torque_variance),
+            log_evidence=float(between[p, t]) - float(np.log(len(EVIDENCE.sizes))) * len(chosen),
+            variances=SharedVariances(float(pose_variances[p]), float(torque_variances[t])),
             grid_index=(g, h),
         )
 
+    def _on_grid(self, chosen: CandidateSet) -> Array:
+        """Return the log evidence of a set at `SHARED_VARIANCES` of poses and torques, (G, G).
+
+        Without the cost of choosing sizes.
+        """
+        columns, sizes = self._columns_and_sizes(chosen)
+        members = tuple(k for k, _ in chosen)
+        if self._last is None or self._last[0] != members:  # often scored at other sizes
+            self._last = members, self._pose.along(columns), self._torque.along(columns)
+        pose, torque = (channel.in_sizes(sizes) for channel in self._last[1:])
+        if self._shows_in_torque[list(members)].any():
+            each_torque = (torque[h] for h in range(len(torque.squares)))
+            return np.stack([(pose + of_torque).log_evidence for of_torque in each_torque], axis=1)
+        # The set does not act on torques: what both channels say adds up.
+        of_torque = -0.5 * (torque.squares + torque.log_det)  # (G,), or (1,) if none are logged
+        grid = (len(SHARED_VARIANCES), len(SHARED_VARIANCES))
+        return np.broadcast_to(pose.log_evidence[:, None] + of_torque, grid)
+
     def _columns_and_sizes(self, chosen: CandidateSet) -> tuple[Index, Array]:
-        """Return the columns of a set, and the size expected of each."""
+        """Return the columns (k,) of a set, and the size expected of each (k,)."""
         columns = [self._columns[k] for k, _ in chosen]
         sizes = np.array([EVIDENCE.sizes[size] for _, size in chosen])
-        lengths = np.array([len(own) for own in columns], dtype=np.intp)
-        return np.concatenate([np.zeros(0, dtype=np.intp), *columns]), np.repeat(sizes, lengths)
+        widths = np.array([len(of_member) for of_member in columns], dtype=np.intp)
+        return _joined(columns), np.repeat(sizes, widths)
 
 
-class _Costs:
-    """Minus twice the log evidence of a set at `SHARED_VARIANCES`, g of poses and h of torques."""
-
-    def __init__(self, pose: Gaussians, torque: Gaussians, *, both_show: bool) -> None:
-        """Keep the set's equations (G,) by poses and by torques; `both_show`: it acts on both."""
-        self._pose, self._torque = pose, torque
-        # If the set does not act on torques, the costs of both add up.
-        self._parts = (
-            None if both_show else (-2.0 * pose.log_evidence, torque.squares + torque.log_det)
-        )
-        self._by_pose: dict[int, Array] = {}
-        self._by_torque: dict[int, Array] = {}
-
-    def by_pose(self, h: int) -> Array:
-        """Return the costs at every variance of poses, at one of torques, (G,)."""
-        if h not in self._by_pose:
-            if self._parts is None:
-                self._by_pose[h] = -2.0 * (self._pose + self._torque[h]).log_evidence
-            else:
-                self._by_pose[h] = self._parts[0] + self._parts[1][h]
-        return self._by_pose[h]
-
-    def by_torque(self, g: int) -> Array:
-        """Return the costs at every variance of torques, at one of poses, (G,)."""
-        if g not in self._by_torque:
-            if self._parts is None:
-                self._by_torque[g] = -2.0 * (self._torque + self._pose[g]).log_evidence
-            else:
-                self._by_torque[g] = self._parts[0][g] + self._parts[1]
-        return self._by_torque[g]
-
-    def least(self) -> tuple[int, int]:
-        """Return g and h of the least cost, one after the other: they hardly interact."""
-        g, last = 0, np.inf
-        while True:
-            h = int(np.argmin(self.by_torque(g)))
-            costs = self.by_pose(h)
-            g = int(np.argmin(costs))
-            if not costs[g] < last - COMPUTING.same_nats:
-                return g, h
-            last = float(costs[g])
+def _joined(columns: Iterable[Index]) -> Index:
+    """Return the numbers of the columns of several candidates as one array, which may be empty."""
+    return np.concatenate([np.zeros(0, dtype=np.intp), *columns])
 
 
-def _refined_by_spline(values: Array, least: int) -> tuple[float, float]:
-    """Return the decrease of a spline through the values below the least one, and its variance.
-
-    A parabola through three values would be wrong by tens of nats if hundreds of rows share the
-    error.
-    """
-    if least < 2 or least >= len(values) - 1:
-        return 0.0, float(SHARED_VARIANCES[least])
-    variances, spline = _spline_below(least)
-    interpolated = spline @ values[1:]
-    lowest = int(np.argmin(interpolated))
-    return float(values[least] - interpolated[lowest]), float(variances[lowest])
+def _place_of_largest(values: Array) -> tuple[int, int]:
+    """Return row and column of the largest of values (r, c)."""
+    row, column = divmod(int(np.argmax(values)), values.shape[1])
+    return row, column
 
 
 @cache
-def _spline_below(least: int) -> tuple[Array, Array]:
-    """Return variances (V,) about one of the grid, and the spline there by its knots (V, G - 1)."""
-    logarithm = np.log(SHARED_VARIANCES[1:])
-    # zero has no logarithm: number `least` of the grid is number `least - 1` of the knots
-    near = np.linspace(logarithm[least - 2], logarithm[least], EVIDENCE.variances_between)
-    return np.exp(near), np.asarray(CubicSpline(logarithm, np.eye(len(logarithm)))(near))
+def _spline_about(best: int) -> tuple[Array, Array]:
+    """Return variances (V,) between the neighbours of one of the grid, and a spline (V, G) there.
+
+    The spline is by its values at `SHARED_VARIANCES`, in the logarithm of the variance. A parabola
+    through three values would be wrong by tens of nats if hundreds of rows share the error. At the
+    ends of the grid there is only the variance itself.
+    """
+    count = len(SHARED_VARIANCES)
+    if best < 2 or best >= count - 1:
+        return SHARED_VARIANCES[[best]], np.eye(count)[[best]]
+    logarithm = np.log(SHARED_VARIANCES[1:])  # zero has none
+    between = np.linspace(logarithm[best - 2], logarithm[best], EVIDENCE.variances_between)
+    spline = np.asarray(CubicSpline(logarithm, np.eye(count - 1))(between))
+    return np.exp(between), np.column_stack([np.zeros(len(between)), spline])
 
 
 def reduced(channel: NoiseModel, columns: Array, data: Array, own: Array) -> Gaussians:
