@@ -3,13 +3,24 @@
 from __future__ import annotations
 
 import gzip
+import inspect
+import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from mended import QUATERNION, describe, mend, simulated
+from pa10cal.arm.coupling import CoupledJoint
 from pa10cal.campaign import csv_rows, text_lines
-from pa10cal.campaign.bounds import bound_of, unwrapped
+from pa10cal.campaign.bounds import (
+    bound_of,
+    in_words,
+    labelled,
+    refuse_impossible_tool,
+    unwrapped,
+    within_bounds,
+)
 from pa10cal.campaign.csv_rows import read_rows
 from pa10cal.campaign.raw_rows import RawRows
 from pa10cal.campaign.read import read_campaign
@@ -104,6 +115,18 @@ def test_only_joints_that_are_moved_by_turns_are_noted():
     np.testing.assert_array_equal(found["q1_deg"], [-10.0, -20.0, 10.0])
 
 
+@pytest.mark.parametrize(("factor", "is_moved"), [(0.5, False), (1.0, True)])
+def test_an_axis_is_moved_by_turns_only_if_that_leaves_the_pose(factor, is_moved):
+    """Half a turn of the joint that it moves too would be another pose."""
+    arm = replace(load_arm("irb120"), coupled=(CoupledJoint(6, 4, factor),))
+    angles = np.zeros((9, 6))
+    angles[:, 3] = np.linspace(20.0, 260.0, 9)
+    rows = RawRows("log.csv", dict(zip(IRB, angles.T, strict=True)), np.arange(9), {}, (), ())
+    found = unwrapped(rows, IRB, arm)
+    assert bool(found.notes) == is_moved
+    assert np.array_equal(found["q4_deg"], angles[:, 3]) != is_moved
+
+
 def test_one_row_a_turn_off_stays_so(copy):
     folder = copy("points")
     mend(folder, "poses.csv", lambda table: table.fill("q2_deg", "359.5", ONE))
@@ -188,12 +211,76 @@ def test_a_wrong_column_is_refused_by_name(copy, column, text, message):
         read_campaign(folder)
 
 
+def test_a_wrong_zero_of_a_joint_is_not_taken_for_another_unit(copy):
+    folder = copy("points")
+    describe(folder, "joint_offsets_deg", [0, 0, 150, 0, 0, 0])
+    with pytest.raises(Pa10calError, match=r"beyond the limits of joint 3.*joint_offsets_deg"):
+        read_campaign(folder)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_degrees_stated_as_radians_are_told_with_joints_of_either_sign(copy, sign):
+    folder = copy("points")
+    mend(folder, "poses.csv", lambda table: table.put(IRB, sign * table.numbers(IRB)))
+    columns = {
+        "time": {"names": "time_s"},
+        "kind": {"names": "kind", "words": {}},
+        "joints": {"names": IRB, "unit": "rad"},
+        "targets": {
+            name: {"names": [f"{name}_{axis}_mm" for axis in "xyz"], "unit": "mm"}
+            for name in ("T1", "T2", "T3")
+        },
+    }
+    describe(folder, "columns", {"poses": columns})
+    describe(folder, "joint_signs", [sign] * 6)
+    with pytest.raises(Pa10calError, match=r"look like degrees.*columns.poses.joints.unit: deg"):
+        read_campaign(folder)
+
+
+def test_many_columns_with_a_number_out_of_bounds_are_left_out_one_by_one():
+    count, steps = 60, 30
+    names = [f"base{k}_x_mm" for k in range(count)]
+    columns = {name: np.where(np.arange(count) == k, 1e9, 0.0) for k, name in enumerate(names)}
+    rows = RawRows("t.csv", columns, np.arange(count), {}, (), ())
+    most = sys.getrecursionlimit()
+    sys.setrecursionlimit(len(inspect.stack(0)) + steps)
+    try:
+        found = within_bounds(rows, names, load_arm("irb120"))
+    finally:
+        sys.setrecursionlimit(most)
+    assert [row.value for row in found.quarantined] == [f"{name} = 1000000000" for name in names]
+
+
+def test_a_row_without_a_load_is_left_out():
+    columns = {"load_N": [0.0, np.nan], "repeat": [1.0, 1.0], "pose": ["P1", "P2"]}
+    arrays = {name: np.array(column) for name, column in columns.items()}
+    found = labelled(RawRows("t.csv", arrays, np.arange(2), {}, (), ()), load_arm("irb120"))
+    assert found.line.tolist() == [0]
+
+
+@pytest.mark.parametrize("name", ["a(b", r"x\1", "foo+"])
+def test_a_column_outside_the_contract_is_its_name_in_words(name):
+    assert in_words(name) == name
+
+
+def test_a_tool_is_not_weighed_against_placeholders_for_the_masses_of_an_arm():
+    arm = load_arm("iiwa14")
+    for mass_kg in (0.0, 1e-3):
+        refuse_impossible_tool(0.5, replace(arm, mass_kg=np.full(arm.n, mass_kg)), "c")
+    with pytest.raises(Pa10calError, match=r"the mass of the arm itself.*mass_kg: 0.5 if"):
+        refuse_impossible_tool(500.0, arm, "c")
+
+
 @pytest.mark.parametrize(
     ("key", "value", "message"),
     [
         ("gravity_m_s2", [0, 0, -9810], r"gravity is in mm/s2 .*9.5 to 10.1"),
         ("gravity_m_s2", [0, 0, -1], r"gravity is in units of g"),
-        ("gravity_m_s2", [0, 0, -1e154], r"gravity is of another size"),
+        (
+            "gravity_m_s2",
+            [0, 0, -1e154],
+            r"gravity is of another size.*\[0, 0, -9.80665\] for a base that",
+        ),
         ("reference_temperature_C", 293.15, r"looks like kelvin"),
         ("reference_temperature_C", 1e154, r"no temperature of a laboratory"),
         ("tool.mass_kg", 1500, r"heavier .*set tool.mass_kg: 1.5 if the mass is in grams"),

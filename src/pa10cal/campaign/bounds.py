@@ -33,8 +33,10 @@ LEAST_U = 1e-9
 #: Gravity on Earth is 9.78 to 9.83 m/s2.
 GRAVITY_M_S2 = (9.5, 10.1)
 STANDARD_M_S2 = 9.80665
-#: Largest mass of a tool for each metre of the arm's reach, where the arm has no masses [kg/m].
+#: Largest mass of a tool for each metre of the arm's reach, where the arm's mass is not known; and
+#: the least mass of an arm likewise: below, the links have placeholders for masses [kg/m].
 TOOL_KG_PER_M = 1000.0
+LEAST_ARM_KG_PER_M = 1.0
 #: Numbers beyond the limits that whole turns bring within, at least, in a log that wraps angles.
 LEAST_WRAPPED = 2
 ONE_TURN_DEG = 360.0
@@ -73,21 +75,21 @@ _TEMPERATURE = _both(
 class Rule:
     """A column of the contract, or several with names of one form."""
 
-    like: str  # regular expression of the names
+    pattern: str  # regular expression of the names
     key: str  # the key of `columns` that maps it
     words: str  # what it is, in words; groups of the name as \\1, \\2
-    bound: Bound = _LENGTH  # not used for joints, whose limits the arm states, and for text
+    bound: Bound | None = _LENGTH  # None for joints, whose limits the arm states, and for text
 
 
 #: The columns of the contract; the first whose expression matches a name counts.
 RULES = (
-    Rule(r"q(\d+)_(?:deg|mm)", "joints", r"position of joint \1"),
+    Rule(r"q(\d+)_(?:deg|mm)", "joints", r"position of joint \1", None),
     Rule(r"tau(\d+)_Nm", "torques", r"torque of joint \1", _TORQUE),
     Rule("load_N", "load", "external load", _LOAD),
     Rule("time_s", "time", "time", _TIME),
     Rule("temperature_C", "temperature", "temperature", _TEMPERATURE),
-    Rule("kind", "kind", "calibration or held out"),
-    Rule("pose", "pose", "label of the pose"),
+    Rule("kind", "kind", "calibration or held out", None),
+    Rule("pose", "pose", "label of the pose", None),
     Rule("repeat", "repeat", "number of the repeat", _COUNT),
     Rule("touch", "touch", "touch", _COUNT),
     Rule("q[wxyz]", "rotation", "orientation of the target", _QUATERNION),
@@ -100,35 +102,44 @@ RULES = (
 
 def rule_of(name: str) -> Rule:
     """Return the rule of a column; of an unknown one the rule of lengths."""
-    return next((rule for rule in RULES if re.fullmatch(rule.like, name)), Rule(name, name, name))
+    known = (rule for rule in RULES if re.fullmatch(rule.pattern, name))
+    return next(known, Rule("", name, name))
 
 
 def in_words(name: str) -> str:
-    """Return what a column of the contract is, in words."""
+    """Return what a column of the contract is, in words; the name of any other column."""
     if name.startswith("u_"):
         return f"standard uncertainty of the {in_words(name[2:])}"
     rule = rule_of(name)
-    return re.sub(rule.like, rule.words, name)
+    match = re.fullmatch(rule.pattern, name)
+    return match.expand(rule.words) if match else name
 
 
 def bound_of(name: str, arm: Arm) -> Bound:
-    """Return the bound of a column of an arm's campaign."""
+    """Return the bound of a column of numbers of an arm's campaign."""
     unit = name.rpartition("_")[2]
     if name.startswith("u_"):
         largest = LARGEST_U.get(unit, LARGEST_U[""])
         return Bound(LEAST_U, largest, NOT_UNCERTAIN, f"a stated uncertainty above {largest:g}")
     rule = rule_of(name)
-    if rule.key != "joints":
+    if rule.bound is not None:
         return rule.bound
     joint = int(name[1:].partition("_")[0])
-    # Stated limits of a coupled joint may be of the joint, or of what the controller counts.
-    limits = arm.coupling.axis_ranges(arm.axis_limits_rad)[joint - 1]
+    limits = _limits_of_log(arm)[joint - 1]
     low, high = 1e3 * np.array(limits) if unit == "mm" else np.degrees(limits)
     text = (
         f"beyond the limits of joint {joint} in the description of {arm.name} "
         f"({low:g} to {high:g} {unit})"
     )
     return _both(float(low) - BEYOND_LIMITS[unit], float(high) + BEYOND_LIMITS[unit], text)
+
+
+def _limits_of_log(arm: Arm) -> Array:
+    """Return the limits (m, 2) of what a controller may count for each axis [rad, m].
+
+    Stated limits of a coupled joint may be of the joint, or of what the controller counts.
+    """
+    return arm.coupling.axis_ranges(arm.axis_limits_rad)
 
 
 def outside_bounds(raw: RawRows, names: Sequence[str], arm: Arm) -> Mask:
@@ -146,20 +157,31 @@ def within_bounds(raw: RawRows, names: list[str], arm: Arm) -> RawRows:
     Temperatures in kelvin, and numbers in another unit than is stated, are refused.
     """
     _refuse_own_unit(raw, names, arm)
+    if "temperature_C" in names:
+        _refuse_kelvin(raw)
     for name in names:
-        column = raw[name]
-        if name == "temperature_C" and np.isfinite(column).any():
-            words, middle_C = raw.own, float(np.nanmedian(column))
-            if _KELVIN[0] < middle_C < _KELVIN[1]:
-                mapped = words.key(name) and words.set_unit(name, "K", "")
-                where = f"{raw.file}: {words.column(name)}"
-                raise _kelvin(where, middle_C, mapped or "subtract 273.15")
         bound = bound_of(name, arm)
-        for off, reason in ((column < bound.low, bound.below), (column > bound.high, bound.above)):
-            if off.any():
-                values = [raw.shown(name, int(row)) for row in np.flatnonzero(off)]
-                return within_bounds(raw.take(~off, reason, values), names, arm)
+        raw = _without(raw, name, raw[name] < bound.low, bound.below)
+        raw = _without(raw, name, raw[name] > bound.high, bound.above)
     return raw
+
+
+def _without(raw: RawRows, name: str, off: Mask, reason: str) -> RawRows:
+    """Quarantine rows `off` (N,) for the number in a column."""
+    values = [raw.shown(name, int(row)) for row in np.flatnonzero(off)]
+    return raw.take(~off, reason, values)
+
+
+def _refuse_kelvin(raw: RawRows) -> None:
+    """Refuse a column of temperatures in kelvin."""
+    name = "temperature_C"
+    if not np.isfinite(raw[name]).any():
+        return
+    middle_C = float(np.nanmedian(raw[name]))
+    if _KELVIN[0] < middle_C < _KELVIN[1]:
+        mapped = raw.own.key(name) and raw.own.set_unit(name, "K", "")
+        where = f"{raw.file}: {raw.own.column(name)}"
+        raise _kelvin(where, middle_C, mapped or "subtract 273.15")
 
 
 def unwrapped(
@@ -167,15 +189,25 @@ def unwrapped(
 ) -> RawRows:
     """Return rows with joints moved by whole turns into their limits, if the log wraps angles.
 
-    It does where whole turns bring nearly all numbers beyond a joint's limits within them. Numbers
-    of every joint are then taken nearest to the middle of its limits. A joint whose numbers span
-    more than `spread_deg` is left as it is, as they may be in another unit.
+    It does if whole turns bring nearly all numbers of some joint that are beyond its limits within
+    them. Then the numbers of all joints are taken nearest to the middle of their limits, as a log
+    wraps all or none. Joints of which a whole turn would change the pose, as by a coupling, are
+    left as they are.
+
+    Args:
+        raw: N rows.
+        q: columns of the joint positions, in order.
+        arm: the arm.
+        spread_deg: a joint whose numbers span more is left as it is, as they may be in another
+            unit. Infinite for controllers that count turns, if the result is compared with what
+            was measured.
     """
     moved: dict[str, NDArray[Any]] = {}
     wraps = False
-    for name, limits_deg in zip(q, np.degrees(arm.axis_limits_rad), strict=True):
-        if name.endswith("_deg"):
-            column, wrapped = _moved_by_turns(raw[name], limits_deg, spread_deg)
+    limits, turns_freely = np.degrees(_limits_of_log(arm)), _turns_freely(arm)
+    for k, name in enumerate(q):
+        if turns_freely[k]:
+            column, wrapped = _moved_by_turns(raw[name], limits[k], spread_deg)
             wraps |= wrapped >= LEAST_WRAPPED
             if not np.array_equal(column, raw[name], equal_nan=True):
                 moved[name] = column
@@ -185,6 +217,16 @@ def unwrapped(
     logged = "angles logged within one turn" if spread_deg == ONE_TURN_DEG else "angles"
     note = f"{words}: {logged} are moved by whole turns, into the limits"
     return replace(raw.with_columns(moved), notes=(*raw.notes, f"{raw.file}: {note}"))
+
+
+def _turns_freely(arm: Arm) -> Mask:
+    """Return the axes (m,) of which a whole turn leaves the pose as it is.
+
+    It turns every joint a whole number of times, and no joint slides.
+    """
+    C = arm.coupling.matrix
+    whole = np.where(arm.prismatic[:, None], C == 0.0, np.isclose(C, np.round(C), atol=1e-9))
+    return np.asarray(whole.all(axis=0))
 
 
 def _moved_by_turns(
@@ -226,7 +268,7 @@ def labelled(raw: RawRows, arm: Arm) -> RawRows:
 
     Loads of one name become one load.
     """
-    raw = whole(within_bounds(raw, ["load_N"], arm), "repeat", arm)
+    raw = whole(within_bounds(raw.finite(["load_N"]), ["load_N"], arm), "repeat", arm)
     raw = raw.with_columns({"load_N": loads_as_named(raw["load_N"])})
     return raw.take(raw.text_of("pose") != "", "the pose has no label")
 
@@ -236,25 +278,28 @@ class _RowsByUnit(NamedTuple):
 
     filled: Mask  # a number is there
     outside: Mask  # (C, N) numbers out of bounds in the unit that campaign.yaml states
-    right: Mask  # a number is there, and all are within bounds in the contract's unit
+    # a number is there, and all would be within bounds if the file were in the contract's unit
+    right: Mask
 
     @classmethod
     def of(cls, raw: RawRows, columns: Sequence[str], arm: Arm) -> _RowsByUnit:
         """Return the rows of columns (C) that campaign.yaml states in another unit."""
         bounds, sources = [bound_of(name, arm) for name in columns], raw.own.sources
-        low, high, factor, offset = (
+        low, high, factor, offset, zero = (
             np.array(each)[:, None]
             for each in (
                 [bound.low for bound in bounds],
                 [bound.high for bound in bounds],
                 [sources[name].factor for name in columns],
                 [sources[name].offset for name in columns],
+                [sources[name].zero for name in columns],
             )
         )
         values = np.stack([raw[name] for name in columns])
-        written = (values - offset) / factor
+        # Stated signs and zeros of joints count in either unit.
+        otherwise = np.sign(factor) * (values - offset) / factor + zero
         filled = np.isfinite(values).any(axis=0)
-        right = filled & ~((written < low) | (written > high)).any(axis=0)
+        right = filled & ~((otherwise < low) | (otherwise > high)).any(axis=0)
         return cls(filled, (values < low) | (values > high), right)
 
 
@@ -266,7 +311,9 @@ def _refuse_own_unit(raw: RawRows, names: list[str], arm: Arm) -> None:
     of_key: dict[str, list[str]] = {}
     for name in names:
         own = raw.own.sources.get(name)
-        if own is not None and (own.factor > 1.0 or own.offset) and not name.startswith("u_"):
+        if own is None or name.startswith("u_"):
+            continue
+        if abs(own.factor) > 1.0 or own.offset != own.zero:
             of_key.setdefault(own.key, []).append(name)
     for columns in of_key.values():
         rows = _RowsByUnit.of(raw, columns, arm)
@@ -296,10 +343,11 @@ def _own_unit(raw: RawRows, columns: Sequence[str], rows: _RowsByUnit) -> RawDat
 
 def refuse_impossible_tool(mass_kg: float, arm: Arm, where: str) -> None:
     """Refuse a tool that is heavier than the arm can carry; its mass may be in grams."""
-    of_arm = None if arm.mass_kg is None else float(np.sum(arm.mass_kg))
-    largest_kg = TOOL_KG_PER_M * arm.reach_m if of_arm is None else of_arm
+    arm_kg = 0.0 if arm.mass_kg is None else float(np.sum(arm.mass_kg))
+    weighed = arm_kg > LEAST_ARM_KG_PER_M * arm.reach_m
+    largest_kg = arm_kg if weighed else TOOL_KG_PER_M * arm.reach_m
     if mass_kg > largest_kg:
-        most = f"{largest_kg:.4g}" + ("" if of_arm is None else ", the mass of the arm itself")
+        most = f"{largest_kg:.4g}" + (", the mass of the arm itself" if weighed else "")
         grams = mass_kg / 1000.0 <= largest_kg
         remedy = f"set tool.mass_kg: {mass_kg / 1000.0:g} if the mass is in grams"
         remedy = remedy if grams else "state it in kilograms"
@@ -323,7 +371,8 @@ def refuse_impossible_gravity(gravity_m_s2: tuple[float, float, float], where: s
     elif 0.9 <= size <= 1.1:
         what, factor = "in units of g", STANDARD_M_S2 / size
     meant = ", ".join(f"{factor * part:.6g}" for part in gravity_m_s2)
-    other = "state it in m/s2 in the frame of the robot's base, which points down"
+    upright = f"[0, 0, {-STANDARD_M_S2}]"
+    other = f"state it in m/s2 in the robot's base frame, {upright} for a base that stands upright"
     remedy = f"set gravity_m_s2: [{meant}]" if factor else other
     least, most = GRAVITY_M_S2
     raise RawDataError(

@@ -52,6 +52,7 @@ class OwnColumn:
     factor: float = 1.0  # the contract's number is factor * own number + offset
     offset: float = 0.0
     key: str = ""  # the key of campaign.yaml that maps it, such as columns.poses.joints
+    zero: float = 0.0  # the part of the offset that `joint_offsets_deg` of campaign.yaml adds
 
     @property
     def name(self) -> str:

@@ -234,7 +234,8 @@ class RawFile:
                     continue
                 columns[name] = sign * raw.columns[name] + added
                 was = own.get(name, OwnColumn((name,), unit if name[0] == "q" else "Nm"))
-                own[name] = replace(was, factor=sign * was.factor, offset=sign * was.offset + added)
+                factor, offset = sign * was.factor, sign * was.offset + added
+                own[name] = replace(was, factor=factor, offset=offset, zero=added)
         return replace(raw, columns=columns, own=ColumnMap(own))
 
     def _translated(self, columns: FileColumns, wanted: set[str], *, repeats: bool) -> RawRows:

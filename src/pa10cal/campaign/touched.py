@@ -231,7 +231,7 @@ def _read_touches(
         included.
     """
     raw = file.read(["time_s", "kind", "pose", "load_N", "repeat", "ball", "touch", *_PLACE])
-    of_known_configuration = labelled(raw.choices("kind", KINDS).finite(["load_N"]), arm)
+    of_known_configuration = labelled(raw.choices("kind", KINDS), arm)
     logged_count = len(np.unique(of_known_configuration.configurations))
     raw = exclusions.labels(exclusions.lines(raw))
     exclusions.refuse_missed(raw.file)
