@@ -87,3 +87,10 @@ def test_a_first_axis_parallel_to_the_second_has_none():
     alpha = arm.alpha_rad.copy()
     alpha[0] = 0.0
     assert branches_of(replace(arm, alpha_rad=alpha)) is None
+
+
+def test_a_fifth_axis_parallel_to_those_before_it_has_none():
+    arm = load_arm("ur10")
+    alpha = arm.alpha_rad.copy()
+    alpha[3] = 0.0
+    assert branches_of(replace(arm, alpha_rad=alpha)) is None

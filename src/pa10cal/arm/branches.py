@@ -33,8 +33,8 @@ _BRANCH_COSINE = float(np.cos(0.01))
 class _Axes:
     """Joint axes at zero joint positions, in the base."""
 
-    h: Array  # (6, 3) directions of the axes, unit vectors
-    p: Array  # (6, 3) a point of each axis; where axes meet, that point
+    direction: Array  # (6, 3) unit vectors
+    point: Array  # (6, 3) a point of each axis; where axes meet, that point
     T_ee_base: Array  # (4, 4) the base in the end-effector
 
 
@@ -50,7 +50,7 @@ def branches_of(arm: Arm) -> Callable[[Array], Array] | None:
     chain = Chain.of(arm)
     zero = chain.coordinates(np.zeros((1, 6)))
     joints = frames(chain, zero).T_base_joints[:, 0]
-    h, p = joints[:, :3, 2], joints[:, :3, 3]
+    h, p = joints[:, :3, 2], joints[:, :3, 3]  # directions and points of the axes
     T_ee_base = np.linalg.inv(end_pose(chain, zero)[0])
     # Parallel to the second, the first axis leaves the plane in which joints 2 and 3 move a point
     # as it is, and that plane does not give its angle.
@@ -61,7 +61,8 @@ def branches_of(arm: Arm) -> Callable[[Array], Array] | None:
         axes = _Axes(h, np.vstack([p[:3], np.tile(wrist, (3, 1))]), T_ee_base)
         return lambda T_base_ee: _with_spherical_wrist(axes, T_base_ee)
     wrist = _meeting(h[4:], p[4:])
-    if wrist is not None and _parallel(h[1], h[3]):
+    # The angle of joint 5 is that between axis 6 and axes 2 to 4, which it must change.
+    if wrist is not None and _parallel(h[1], h[3]) and not _parallel(h[3], h[4]):
         axes = _Axes(h, np.vstack([p[:4], np.tile(wrist, (2, 1))]), T_ee_base)
         return lambda T_base_ee: _with_three_parallel(axes, T_base_ee)
     return None
@@ -69,53 +70,55 @@ def branches_of(arm: Arm) -> Callable[[Array], Array] | None:
 
 def _with_spherical_wrist(axes: _Axes, T_base_ee: Array) -> Array:
     """Solve arms whose axes 4, 5, 6 meet, and whose axes 2 and 3 are parallel."""
-    h, p = axes.h, axes.p
-    moved = (T_base_ee @ axes.T_ee_base)[:, None]  # motion of the end from zero joint positions
-    R = moved[..., :3, :3]
-    centre = _turned(R, p[3]) + moved[..., :3, 3]  # of the wrist; it depends on joints 1 to 3 only
-    # Joints 2 and 3 move the centre in a plane, and joint 1 turns that plane with it: turning the
-    # centre back by the negative of its angle brings it into the plane of zero joint positions.
-    q1 = -_in_one_row(_onto_plane(h[0], centre - p[0], h[1], h[1] @ (p[3] - p[0])))
-    v = _about(h[0], -q1, centre - p[0]) + p[0]
-    q3 = _at_distance(h[2], p[3] - p[2], p[2] - p[1], np.linalg.norm(v - p[1], axis=-1))
-    q1, v, q3 = _pairs(q1), _pairs(v), _in_one_row(q3)
-    q2 = _between(h[1], _about(h[2], q3, p[3] - p[2]) + p[2] - p[1], v - p[1])
+    h, p = axes.direction, axes.point
+    motion = (T_base_ee @ axes.T_ee_base)[:, None]  # of the end from zero joint positions
+    R = motion[..., :3, :3]
+    centre = _turned(R, p[3]) + motion[..., :3, 3]  # of the wrist, by joints 1 to 3 only
+    # Joints 2 and 3 move the centre in a plane, and joint 1 turns that plane with it: `back` are
+    # the angles that turn the centre back into the plane of zero joint positions.
+    back = _in_one_row(_onto_plane(h[0], centre - p[0], h[1], h[1] @ (p[3] - p[0])))
+    q1, centre_back = -back, _about(h[0], back, centre - p[0]) + p[0]
+    reach = np.linalg.norm(centre_back - p[1], axis=-1)
+    q3 = _at_distance(h[2], p[3] - p[2], p[2] - p[1], reach)
+    q1, centre_back, q3 = _pairs(q1), _pairs(centre_back), _in_one_row(q3)
+    q2 = _between(h[1], _about(h[2], q3, p[3] - p[2]) + p[2] - p[1], centre_back - p[1])
     R_123 = _rotation(h[0], q1) @ _rotation(h[1], q2) @ _rotation(h[2], q3)
-    wrist = np.swapaxes(R_123, -1, -2) @ R
-    q5 = _onto_plane(h[4], h[5], h[3], _turned(wrist, h[5]) @ h[3])
-    q1, q2, q3, wrist = (_pairs(each) for each in (q1, q2, q3, wrist))
+    R_456 = np.swapaxes(R_123, -1, -2) @ R
+    q5 = _onto_plane(h[4], h[5], h[3], _turned(R_456, h[5]) @ h[3])
+    q1, q2, q3, R_456 = (_pairs(each) for each in (q1, q2, q3, R_456))
     q5 = _in_one_row(q5)
-    q4 = _between(h[3], _about(h[4], q5, h[5]), _turned(wrist, h[5]))
-    across = _across(h[5])
-    rest = np.swapaxes(_rotation(h[3], q4) @ _rotation(h[4], q5), -1, -2) @ wrist
-    q6 = _between(h[5], across, _turned(rest, across))
+    q4 = _between(h[3], _about(h[4], q5, h[5]), _turned(R_456, h[5]))
+    R_6 = np.swapaxes(_rotation(h[3], q4) @ _rotation(h[4], q5), -1, -2) @ R_456
+    q6 = _angle_of(R_6, h[5])
     return _within_turn(np.stack([q1, q2, q3, q4, q5, q6], axis=-1))
 
 
 def _with_three_parallel(axes: _Axes, T_base_ee: Array) -> Array:
     """Solve arms whose axes 2, 3, 4 are parallel, and whose axes 5 and 6 meet."""
-    h, p = axes.h, axes.p
-    moved = (T_base_ee @ axes.T_ee_base)[:, None]
-    R = moved[..., :3, :3]
-    centre = _turned(R, p[4]) + moved[..., :3, 3]
+    h, p = axes.direction, axes.point
+    motion = (T_base_ee @ axes.T_ee_base)[:, None]  # of the end from zero joint positions
+    R = motion[..., :3, :3]
+    centre = _turned(R, p[4]) + motion[..., :3, 3]  # where axes 5 and 6 meet
     # As above: joints 2 to 4 move the centre in a plane, which joint 1 turns.
-    q1 = -_in_one_row(_onto_plane(h[0], centre - p[0], h[1], h[1] @ (p[4] - p[0])))
-    R_rest = np.swapaxes(_rotation(h[0], q1), -1, -2) @ R
-    q5 = _onto_plane(h[4], h[5], h[1], _turned(R_rest, h[5]) @ h[1])
-    q1, R_rest, q5 = _pairs(q1), _pairs(R_rest), _in_one_row(q5)
-    back = np.swapaxes(R_rest, -1, -2)
-    q6 = -_between(h[5], _about(h[4], -q5, h[1]), _turned(back, h[1]))
+    back = _in_one_row(_onto_plane(h[0], centre - p[0], h[1], h[1] @ (p[4] - p[0])))
+    q1, R_23456 = -back, _rotation(h[0], back) @ R
+    q5 = _onto_plane(h[4], h[5], h[1], _turned(R_23456, h[5]) @ h[1])
+    q1, R_23456, q5 = _pairs(q1), _pairs(R_23456), _in_one_row(q5)
+    # Joints 2 to 4 leave h[1] as it is: joints 5 and 6 turn what is turned back to h[1].
+    back_h = _turned(np.swapaxes(R_23456, -1, -2), h[1])
+    q6 = -_between(h[5], _about(h[4], -q5, h[1]), back_h)
     R_56 = _rotation(h[4], q5) @ _rotation(h[5], q6)
-    R_234 = R_rest @ np.swapaxes(R_56, -1, -2)
-    across = _across(h[1])
-    sum_234 = _between(h[1], across, _turned(R_234, across))
-    # A point of the fourth axis, where joints 1 to 3 have to bring it.
+    R_234 = R_23456 @ np.swapaxes(R_56, -1, -2)
+    sum_234 = _angle_of(R_234, h[1])
+    # A point of the fourth axis, where joints 1 to 3 have to bring it; then turned back by joint 1.
     fourth = centre + _turned(R @ np.swapaxes(R_56, -1, -2), p[3] - p[4])
-    v = _about(h[0], -q1, fourth - p[0]) + p[0]
-    q3 = _at_distance(h[2], p[3] - p[2], p[2] - p[1], np.linalg.norm(v - p[1], axis=-1))
-    q1, q5, q6, v, sum_234 = (_pairs(each) for each in (q1, q5, q6, v, sum_234))
+    fourth_back = _about(h[0], -q1, fourth - p[0]) + p[0]
+    reach = np.linalg.norm(fourth_back - p[1], axis=-1)
+    q3 = _at_distance(h[2], p[3] - p[2], p[2] - p[1], reach)
+    q1, q5, q6, fourth_back, sum_234 = map(_pairs, (q1, q5, q6, fourth_back, sum_234))
     q3 = _in_one_row(q3)
-    q2 = _between(h[1], _about(h[2], q3, p[3] - p[2]) + p[2] - p[1], v - p[1])
+    q2 = _between(h[1], _about(h[2], q3, p[3] - p[2]) + p[2] - p[1], fourth_back - p[1])
+    # Axes 3 and 4 may point against axis 2.
     q4 = (sum_234 - q2 - np.sign(h[1] @ h[2]) * q3) * np.sign(h[1] @ h[3])
     return _within_turn(np.stack([q1, q2, q3, q4, q5, q6], axis=-1))
 
@@ -136,7 +139,11 @@ def _at_distance(k: Array, p: Array, a: Array, d: Array) -> Array:
 
 
 def _both_angles(cos: Array, sin: Array, value: Array | float) -> Array:
-    """Solve `cos` cos(x) + `sin` sin(x) = value (P, B) for both x, (P, B, 2)."""
+    """Solve `cos` cos(x) + `sin` sin(x) = value (P, B) for both x, (P, B, 2).
+
+    Where there is no x, as for poses out of reach, or both are nearly one, as in a singularity,
+    they are those nearest to it that are 0.02 rad apart.
+    """
     size = np.maximum(np.hypot(cos, sin), np.finfo(float).tiny)
     half = np.arccos(np.clip(value / size, -_BRANCH_COSINE, _BRANCH_COSINE))
     middle = np.broadcast_to(np.arctan2(sin, cos), half.shape)
@@ -144,7 +151,10 @@ def _both_angles(cos: Array, sin: Array, value: Array | float) -> Array:
 
 
 def _between(k: Array, p: Array, q: Array) -> Array:
-    """Return the angle about k that rotates p to q."""
+    """Return the angles (P, B) about k that rotate p to q, (3,) or (P, B, 3) each.
+
+    Components along k do not count: where they differ, or lengths do, p is rotated towards q.
+    """
     sin = np.cross(p, q) @ k
     cos = np.sum(p * q, axis=-1) - (np.asarray(p) @ k) * (q @ k)
     return np.asarray(np.arctan2(sin, cos))
@@ -178,10 +188,11 @@ def _turned(R: Array, p: Array) -> Array:
     return np.asarray((R @ np.asarray(p)[..., None])[..., 0])
 
 
-def _across(k: Array) -> Array:
-    """Return a unit vector perpendicular to k."""
+def _angle_of(R: Array, k: Array) -> Array:
+    """Return the angles (P, B) of rotations (P, B, 3, 3) about k."""
     square = np.cross(k, np.eye(3)[np.abs(k).argmin()])
-    return np.asarray(square / np.linalg.norm(square))
+    across = square / np.linalg.norm(square)  # a unit vector perpendicular to k
+    return _between(k, across, _turned(R, across))
 
 
 def _parallel(one: Array, other: Array) -> bool:
