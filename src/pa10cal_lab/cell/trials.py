@@ -45,6 +45,7 @@ from pa10cal_lab.cell.scenario import (
     Trial,
     idle,
     log_uniform,
+    trial_places,
 )
 
 #: `null`: nothing hidden; `single`, `pair`, `triple`: one to three effects of the vocabulary;
@@ -107,7 +108,6 @@ _STREAMS = {
     **{"touched": 0, "tracked": 7, "points_one": 107, "points_three": 207, "distance": 307},
     **{"drives": 700, "wild": 900},
 }
-_UNKNOWN = "no such thing in wild trials"
 
 
 def draw_trials(
@@ -137,45 +137,71 @@ def draw_trials(
         only: for wild trials the one subject to draw; empty for all in turn.
 
     Raises:
-        SettingsError: for a count below one, a negative number or seed; for an unknown kind, bench
-            or subject; or for one that does nothing at any of the benches.
+        SettingsError: for a count below one, a negative number or seed, a size that is not above
+            zero; for an unknown study, kind, bench or subject; or for one that does nothing at any
+            of the benches.
     """
     if count < 1:
         _refuse("no trial to run", "--count", count, ["1 or more"], "request more trials")
     for option, number in (("--first", first), ("--random-seed", random_seed)):
         if number < 0:
             _refuse("it is negative", option, number, ["0 or more"], "give another number")
-    wild, kinds = study == "wild", _KINDS_OF.get(study, KINDS)
-    if kind not in kinds:
-        _refuse(_UNKNOWN if wild else "unknown kind of trial", "kind", kind, kinds)
-    known, names = measured_benches() if kind in SUBJECTS else STUDIES[study], tuple(benches)
-    for name in names if wild else sorted(set(names)):
-        if name not in known and wild:
-            _refuse(_UNKNOWN, "benches", name, known)
-        elif name not in known:
-            _refuse("no such layout of poses", "--layouts", name, known, "correct the name")
-    subjects = subjects_of(kind)
-    if only and only not in subjects and len(subjects) == 1:
-        what = f"trials of kind {kind} have no subjects"
-        _refuse(what, "--only", only, ["nothing"], "leave --only out")
-    if only and only not in subjects:
-        _refuse(_UNKNOWN, "only", only, subjects)
-    subjects, chosen = (only,) if only else subjects, {name: known[name] for name in names or known}
+    if size is not None and not 0.0 < size < np.inf:
+        _refuse("no size of an effect", "--size", size, ["above 0"], "give another number")
+    chosen, subjects = _checked(study, kind, tuple(benches), only)
     draw: Callable[..., Trial] = partial(_draw_hidden, size=size)
-    if wild:
-        draw = draw_measured if kind in SUBJECTS else _draw_wild
-    elif study == "drives":
-        draw = _draw_drives
+    if kind in SUBJECTS:
+        draw = draw_measured
+    elif study in ("wild", "drives"):
+        draw = _draw_wild if study == "wild" else _draw_drives
+    stream = _STREAMS[study] + _kinds_of(study).index(kind)
     return tuple(
         draw(
             kind,
             number,
             subjects[number % len(subjects)],
             chosen,
-            np.random.default_rng([random_seed, _STREAMS[study] + kinds.index(kind), number]),
+            np.random.default_rng([random_seed, stream, number]),
         )
         for number in range(first, first + count)
     )
+
+
+def _kinds_of(study: str) -> tuple[str, ...]:
+    """Return the kinds of a study's trials."""
+    return _KINDS_OF.get(study, KINDS)
+
+
+def _checked(
+    study: str, kind: str, names: Sequence[str], only: str
+) -> tuple[dict[str, Bench], tuple[str, ...]]:
+    """Return the benches and the subjects of trials; refuse names that the study does not have.
+
+    Args:
+        study: of `STUDIES`.
+        kind: of the study.
+        names: of the benches; empty for all.
+        only: the one subject; empty for all.
+    """
+    if study not in STUDIES:
+        _refuse("unknown study", "study", study, STUDIES)
+    unknown = {"kind": "unknown kind of trial", "bench": "no such layout of poses"}
+    unknown |= {"subject": "no such subject"}
+    if study == "wild":
+        unknown = dict.fromkeys(unknown, "no such thing in wild trials")
+    if kind not in _kinds_of(study):
+        _refuse(unknown["kind"], "kind", kind, _kinds_of(study))
+    known = measured_benches() if kind in SUBJECTS else STUDIES[study]
+    for name in names:
+        if name not in known:
+            _refuse(unknown["bench"], "benches" if study == "wild" else "--layouts", name, known)
+    subjects = subjects_of(kind)
+    if only and only not in subjects and len(subjects) == 1:
+        what = f"trials of kind {kind} have no subjects"
+        _refuse(what, "--only", only, ["nothing"], "leave --only out")
+    if only and only not in subjects:
+        _refuse(unknown["subject"], "only", only, subjects)
+    return {name: known[name] for name in names or known}, (only,) if only else subjects
 
 
 def _refuse(
@@ -202,6 +228,9 @@ def subjects_of(kind: str) -> tuple[str, ...]:
 
 def trial_counts(counts: Iterable[tuple[str, int]]) -> dict[str, int]:
     """Return the number of trials of each kind, for Snakemake to divide into jobs.
+
+    A round of `effect` has a trial more than subjects, of which the first begins the next round:
+    the frozen record of wild trials has so many.
 
     Args:
         counts: kinds and their numbers, as in the settings: for kinds that go through subjects
@@ -236,22 +265,11 @@ def _draw_hidden(
     A wrong mass needs an arm whose masses are stated: other benches are passed over.
     """
     effects = outside() if kind == "outside" else vocabulary()
-    if subject:
-        turn, place = divmod(number, len(effects))
-        fit = [bench for bench in benches.values() if bench.places(effects[subject])]
-        if not fit:
-            raise idle(subject, benches, "an arm with masses and logged torques among them")
-        # Layouts of touched balls take turns from effect to effect as well.
-        bench, names = fit[(turn + place * fit[0].touched) % len(fit)], [subject]
-    else:
-        fit = [b for b in benches.values() if kind != "wrong_mass" or b.arm.mass_kg is not None]
-        if not fit:
-            raise idle(kind, benches, "an arm with masses among them")
-        bench = fit[number % len(fit)]
-        names = [name for name, effect in effects.items() if bench.places(effect)]
+    bench = _bench_in_turn(kind, number, subject, benches, effects)
     scenario = Scenario(kind, rng, bench, int(rng.integers(2**31)))
     drifts, settings = bench.drawn_plan(rng)
     scenario.settings |= settings
+    names = [name for name, effect in effects.items() if bench.places(effect)]
     while len(scenario.hidden) < _MEMBERS.get(kind, 0):
         effect = effects[subject or str(rng.choice(names))]
         drawn_size = effect.plausible_size
@@ -265,15 +283,56 @@ def _draw_hidden(
         uncertainty_mm = plan["position_mm"]
     warms = drifts or any(effect.by_temperature for effect in scenario.effects)
     scenario.settings["temperature_drift_C"] = bench.drift_C if warms else 0.0
+    scenario.settings |= _wrong_statement(kind, uncertainty_mm, bench.arm, rng)
+    return scenario.trial()
+
+
+def _bench_in_turn(
+    kind: str,
+    number: int,
+    subject: str,
+    benches: Mapping[str, Bench],
+    effects: Mapping[str, type[SimulatedEffect]],
+) -> Bench:
+    """Return the bench of a trial: those at which its subject acts take turns."""
+    every = list(benches.values())
+    if not subject:
+        fit = [b for b in every if kind != "wrong_mass" or b.arm.mass_kg is not None]
+        if not fit:
+            raise idle(kind, benches, "an arm with masses among them")
+        return fit[number % len(fit)]
+    fit = [bench for bench in every if bench.places(effects[subject])]
+    if not fit:
+        raise idle(subject, benches, _needed_by(effects[subject]))
+    turn, place = divmod(number, len(effects))
+    # Layouts of touched balls take turns from effect to effect as well.
+    return fit[(turn + place if fit[0].touched else turn) % len(fit)]
+
+
+def _needed_by(effect: type[SimulatedEffect]) -> str:
+    """Return what a bench needs for an effect to act there, in words."""
+    needs = {
+        " or ".join(trial_places(effect)): True,
+        "stated masses": effect.by_weights,
+        "logged torques": issubclass(effect, TorqueLogEffect),
+        "a spring in the joint": effect.by_spring,
+    }
+    return f"a bench among them that has: {', '.join(need for need in needs if needs[need])}"
+
+
+def _wrong_statement(
+    kind: str, uncertainty_mm: float, arm: Arm, rng: np.random.Generator
+) -> dict[str, Any]:
+    """Draw the settings of a wrong uncertainty or a wrong mass; none for other kinds."""
     sign = float(rng.choice([-1.0, 1.0]))
     if kind == "wrong_noise":
         factor = float(np.exp(sign * rng.uniform(*np.log(_NOISE_FACTORS))))
-        scenario.settings["stated_uncertainty_mm"] = uncertainty_mm * factor
-    elif kind == "wrong_mass":
-        factors = np.ones(bench.arm.n)
-        factors[rng.integers(1, bench.arm.n)] += sign * rng.uniform(*_MASS_EXCESS)
-        scenario.settings["mass_factor"] = factors.tolist()
-    return scenario.trial()
+        return {"stated_uncertainty_mm": uncertainty_mm * factor}
+    if kind == "wrong_mass":
+        factors = np.ones(arm.n)
+        factors[rng.integers(1, arm.n)] += sign * rng.uniform(*_MASS_EXCESS)
+        return {"mass_factor": factors.tolist()}
+    return {}
 
 
 # Wild trials: any arm and instrument, with what ordinary logs have, and with faults.
@@ -404,29 +463,33 @@ def _wild_tracked(
 def _wild_touched(
     scenario: Scenario, effect: type[SimulatedEffect] | None, put_in: Sequence[Disturbance]
 ) -> Trial:
-    """Draw the campaign of touched balls: one without disturbances, shortened, with these."""
+    """Draw the campaign of touched balls.
+
+    Its settings are those of a trial of the touched study, of the same effect or of none; the seed,
+    the disturbances, the loads, the number of poses and the friction below replace those there.
+    """
     disturbances = _entries(put_in, scenario)
-    kind, place, size, subject = "null", 0, None, ""
+    kind, number, size, subject = "null", 0, None, ""
     if effect is not None:
         kind, among = ("single", vocabulary()) if effect.named else ("outside", outside())
-        place, subject = list(among).index(effect.id), effect.id
+        number, subject = list(among).index(effect.id), effect.id  # the first trial of the subject
         size = effect.plausible_size if effect.named else None
-    rng = np.random.default_rng([scenario.seed, KINDS.index(kind), place])
-    drawn = _draw_hidden(kind, place, subject, {TOUCHED: scenario.bench}, rng, size=size)
-    hidden = [entry.model_dump() for entry in drawn.settings.hidden_effects]
+    rng = np.random.default_rng([scenario.seed, KINDS.index(kind), number])
+    touched = _draw_hidden(kind, number, subject, {TOUCHED: scenario.bench}, rng, size=size)
+    hidden = [entry.model_dump() for entry in touched.settings.hidden_effects]
     for entry in disturbances:
         if entry["id"] == "direction_reversed":
             of, amount = f"joint {entry['parameters']['joint']}", {"tau_c": _FRICTION_NM}
             hidden.append({"id": "friction_torque", "of": of, "parameters": amount})
-    raw = drawn.settings.model_dump(exclude={"without_touches"}) | {
+    raw = touched.settings.model_dump(exclude={"without_touches"}) | {
         "random_seed": scenario.seed,
         "disturbances": disturbances,
         "hidden_effects": hidden,
         "loads_N": (0.0, 22.0, 44.0),
     }
     raw["poses"] |= {"wide_poses": _TOUCHED_POSES}
-    settings = parse_section(SimulateOptions, raw, where=drawn.name)
-    sizes = drawn.sizes + (1.0,) * (len(hidden) - len(drawn.sizes))
+    settings = parse_section(SimulateOptions, raw, where=touched.name)
+    sizes = touched.sizes + (1.0,) * (len(hidden) - len(touched.sizes))
     return Trial(f"wild-{scenario.seed:08x}", scenario.kind, TOUCHED, settings, sizes)
 
 
@@ -448,6 +511,8 @@ _EFFECTS_OF_DRIVES: Mapping[str, tuple[str, ...]] = {
 #: usual error; noise of positions.
 DRIVE_POSES = (1000, 4000)
 _MOST_JOINTS = 2
+#: Campaigns of a trial have seeds one after the other: this many stay below 2^31.
+_MOST_CAMPAIGNS = 8
 _DRIVE_SIZES = (0.7, 1.4)
 _DRIVE_POSITION_MM = (0.015, 0.035)
 #: Share of the moves in which a joint stays.
@@ -459,7 +524,7 @@ def _draw_drives(
 ) -> Trial:
     """Draw a trial of drives; the poses of its campaigns are drawn by `campaigns_of`."""
     bench = list(benches.values())[number % len(benches)]
-    scenario = Scenario(kind, rng, bench, int(rng.integers(2**31 - 8)))
+    scenario = Scenario(kind, rng, bench, int(rng.integers(2**31 - _MOST_CAMPAIGNS)))
     scenario.settings["without_touches"] = bench.plan | {
         "poses": round(log_uniform(DRIVE_POSES, rng) / bench.campaigns),
         "holdout_share": 0.1,
@@ -486,7 +551,8 @@ def _draw_drives(
 def campaigns_of(trial: Trial) -> tuple[SimulateOptions, ...]:
     """Return the settings of each campaign of a trial of drives, with poses and noise of its own.
 
-    All have the robot of the first. Positions are drawn from the whole range of each joint.
+    All have the robot of the first. Positions are drawn from the whole range of each joint where
+    some joint turns more than once, else from the part of it that other trials use.
     """
     bench, plan = STUDIES["drives"][trial.bench], trial.settings.without_touches
     assert plan is not None
@@ -501,8 +567,9 @@ def campaigns_of(trial: Trial) -> tuple[SimulateOptions, ...]:
 
 
 def _commanded(arm: Arm, poses: int, rng: np.random.Generator) -> tuple[tuple[float, ...], ...]:
-    """Return configurations [deg] drawn over the ranges of the joints, some of which stay."""
+    """Return configurations (poses, n) [deg] drawn over the joints' ranges; some joints stay."""
     low, high = np.degrees(arm.limits_rad.T)
+    # Errors that repeat from turn to turn need all turns; other joints keep off their limits.
     if np.all(high - low <= 360.0):
         low, high = np.degrees(joint_bounds(arm))
     drawn = rng.uniform(low, high, (poses, arm.n)).round(4)

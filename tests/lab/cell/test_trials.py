@@ -346,6 +346,31 @@ def test_refuses_benches_at_which_an_effect_does_nothing():
     assert set(nameless()) | set(vocabulary()) == drawn
 
 
+@pytest.mark.parametrize("size", [0.0, -1.0, np.nan, np.inf])
+def test_refuses_a_size_that_hides_nothing(size):
+    with pytest.raises(SettingsError, match=r"--size: no size of an effect .*above 0"):
+        draw_trials("single", 1, 1, "tracked", size=size)
+
+
+@pytest.mark.parametrize(
+    ("subject", "bench", "needed"),
+    [
+        ("transmission_error", "iiwa14-pose", "that has: geared joint; add"),
+        ("friction_torque", "ur10-pose", "masses, logged torques, a spring in the joint; add"),
+    ],
+)
+def test_tells_what_an_effect_needs_where_it_does_nothing(subject, bench, needed):
+    with pytest.raises(SettingsError, match=f"{subject} does nothing .*{needed}"):
+        draw_trials("single", 1, 1, "tracked", [bench], only=subject)
+
+
+def test_refuses_a_study_or_a_subject_that_is_unknown():
+    with pytest.raises(SettingsError, match=r"unknown study \(got 'tacked'\).*tracked"):
+        draw_trials("single", 1, 1, "tacked")
+    with pytest.raises(SettingsError, match=r"no such subject \(got 'rust'\).*backlash"):
+        draw_trials("single", 1, 1, "tracked", only="rust")
+
+
 @pytest.mark.parametrize("study", REFLECTORS)
 def test_studies_without_attitudes_have_their_own_instrument_and_draws(study):
     trials = draw_trials("single", 6, 7, study)
@@ -543,7 +568,8 @@ def test_rounds_of_wild_trials_go_through_what_the_cell_puts_in():
     found = {kind: len(subjects_of(kind)) for kind in ("stressed", "beyond", "fault")}
     assert {kind: wild[kind] for kind in found} == found
     assert wild["right"] == 3
-    assert wild["effect"] == len(vocabulary())
+    # A trial more than subjects, as the frozen record of wild trials has.
+    assert wild["effect"] == len(vocabulary()) == len(subjects_of("effect")) + 1
 
 
 def test_the_studies_are_as_large_as_their_bars_need():
