@@ -221,6 +221,17 @@ def test_poses_of_another_region_are_in_blocks_of_others(few):
     assert np.ptp(np.bincount(found)) <= 1
 
 
+@pytest.mark.parametrize("share", [0.06, 0.1, 0.14, 0.2, 0.3])
+def test_poses_of_another_region_are_dealt_however_many_blocks_they_fill(few, share):
+    poses, rng = few.poses, np.random.default_rng(2)
+    q_rad = rng.uniform(-1.0, 1.0, poses.states.q_rad.shape)
+    apart = np.arange(len(poses)) >= len(poses) - round(share * len(poses))
+    q_rad[apart, 1] += 3.0
+    found = consecutive_blocks(replace(poses, states=replace(poses.states, q_rad=q_rad)))
+    assert np.ptp(np.bincount(found[apart], minlength=BLOCKS.blocks)) <= 1
+    assert np.ptp(np.bincount(found)) <= 1
+
+
 def test_no_block_is_left_with_few_poses_where_those_apart_are_dealt(few):
     poses, rng = few.poses, np.random.default_rng(1)
     count = len(poses)

@@ -17,8 +17,8 @@ from pa10cal.discovery.nuisances import AttitudeLag, Nuisance, Wander, attitude_
 from pa10cal.discovery.preparation import MeasurementSetup, Prepared, complete, context_of
 from pa10cal.discovery.rules import BLOCKS
 from pa10cal.errors import DiscoveryError
+from pa10cal.fit import validity
 from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.fit.validity import AngleCoverage, angles_seen
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.paths import along_a_path, outside_ranges
 from pa10cal.rules import ANGLES
@@ -26,6 +26,8 @@ from pa10cal.terms.effects.effect import CandidateContext, Effect
 
 #: Fewest poses from which blocks can be held out.
 LEAST_FOR_BLOCKS = BLOCKS.blocks * BLOCKS.least_poses
+#: Fields of a survey that hold a nuisance, in the order of their columns.
+_NUISANCES = ("wander", "change", "lag")
 
 
 @dataclass(frozen=True)
@@ -39,7 +41,8 @@ class Survey:
     # in order of time; their states hold the static loads and the directions of arrival
     poses: Observations
     # (P,) number of the block of each pose, from 0: consecutive poses, or interleaved where the
-    # base moves or something changed in the course of time; -1 for a pose in no block
+    # base moves or something changed in the course of time; -1 for a pose in no block, where only
+    # the poses of one are asked for (`bands`)
     block: Index
     # the model from which the search sets out; its chain has the bends of the long links
     baseline: FittedModel
@@ -94,14 +97,17 @@ class Survey:
 
     @property
     def cells(self) -> Observations:
-        """Return the poses, under the name that poses averaged from repeats have."""
+        """Return the poses, by the name that `EvidenceProblem` has for poses with all repeats.
+
+        What takes either of both reads this name.
+        """
         return self.poses
 
     @property
-    def angles_seen(self) -> AngleCoverage:
+    def angles_seen(self) -> validity.AngleCoverage:
         """Return the joint positions that the poses visit, fine enough for any map."""
         order = np.where(self.context.arm.prismatic, 0.0, ANGLES.fine_order)
-        return angles_seen(self.poses.states.q_rad, order)
+        return validity.angles_seen(self.poses.states.q_rad, order)
 
     def moving(self, wander: Wander) -> Survey:
         """Return the survey with a base that moves, in interleaved blocks.
@@ -109,21 +115,26 @@ class Survey:
         The motion at a pose follows from poses before and after it, not from poses far away in
         time.
         """
-        return replace(self, wander=wander, block=interleaved_blocks(len(self.poses)))
+        return self._interleaved(wander=wander)
 
     def changing(self, change: Change | JointSteps) -> Survey:
         """Return the survey with a change at a row or at several, in interleaved blocks."""
-        return replace(self, change=change, block=interleaved_blocks(len(self.poses)))
+        return self._interleaved(change=change)
 
     def settling(self, effects: Sequence[Effect]) -> Survey:
         """Return the survey with effects of the first poses, in interleaved blocks."""
-        begins_with = (*self.begins_with, *effects)
-        return replace(self, begins_with=begins_with, block=interleaved_blocks(len(self.poses)))
+        return self._interleaved(begins_with=(*self.begins_with, *effects))
+
+    def _interleaved(self, **changed: Any) -> Survey:
+        """Return the survey with something in the course of time, in interleaved blocks."""
+        return replace(self, block=interleaved_blocks(len(self.poses)), **changed)
 
     def net_residual(self, at: FittedModel, poses: Observations | None = None) -> Array:
         """Return predicted minus measured components (P, b) with the nuisances subtracted.
 
-        Of complete poses of the campaign; None for those of the survey.
+        Args:
+            at: the model.
+            poses: complete poses of the campaign, (P,); None: those of the survey.
         """
         if poses is None:
             return at.compared(self.poses).residual + self._nuisance_shift
@@ -151,7 +162,8 @@ class Survey:
     @property
     def nuisances(self) -> tuple[Nuisance, ...]:
         """Return the nuisances of this survey, in the order of their columns."""
-        return tuple(each for each in (self.wander, self.change, self.lag) if each is not None)
+        each_or_none = (getattr(self, name) for name in _NUISANCES)
+        return tuple(each for each in each_or_none if each is not None)
 
     @property
     def nuisance_count(self) -> int:
@@ -160,14 +172,15 @@ class Survey:
 
     def with_amounts(self, amounts: Array) -> Survey:
         """Return the survey with fitted amounts (k,) of its nuisances, in their order."""
-        found, first = self, 0
-        for name in ("wander", "change", "lag"):
-            nuisance: Wander | Change | JointSteps | AttitudeLag | None = getattr(self, name)
-            if nuisance is not None:
-                last = first + len(nuisance.sizes)
-                fitted: dict[str, Any] = {name: replace(nuisance, amounts=amounts[first:last])}
-                found, first = replace(found, **fitted), last
-        return found
+        names = [name for name in _NUISANCES if getattr(self, name) is not None]
+        stops = np.cumsum([len(nuisance.sizes) for nuisance in self.nuisances], dtype=np.intp)
+        *parts, surplus = np.split(amounts, stops)
+        assert not len(surplus)
+        fitted: dict[str, Any] = {
+            name: replace(getattr(self, name), amounts=part)
+            for name, part in zip(names, parts, strict=True)
+        }
+        return replace(self, **fitted)
 
 
 def interleaved_blocks(count: int) -> Index:
@@ -179,8 +192,8 @@ def consecutive_blocks(poses: Observations) -> Index:
     """Return block numbers (P,) of consecutive poses, a tenth of every campaign in each block.
 
     If each block held a single campaign, differences between campaigns would count as chance. The
-    last poses of one campaign, if they are apart from all others, are dealt to the smallest blocks,
-    one by one, and the others are divided without them.
+    last poses of a campaign that is not one of a group, if they are apart from all others, are
+    dealt to the smallest blocks, one by one, and the others are divided without them.
     """
     campaign = poses.states.campaign
     if campaign is not None:
@@ -224,24 +237,33 @@ def _tenths(campaign: Index) -> Index:
 
 
 def _last_apart(q_rad: Array, block: Index) -> Index:
-    """Return poses of the last block at joint positions (P, n) outside those of all other blocks.
+    """Return poses of the last blocks at joint positions (P, n) outside those of all other blocks.
 
     As where poses that a verdict asked for were measured after all others. If they were held out
     together, what they show would be in one block, which is then predicted badly whatever the model
     holds. None if they are no more than ranges of joints have by chance, if poses of another block
     are apart too, as in rows sorted by a joint, or along a path, where poses that are close
-    together err alike.
+    together err alike. More than fill a block are an unbroken run at the end, in up to
+    `BLOCKS.most_apart` blocks, which are then compared with the others as one.
     """
+    found = np.zeros(0, np.intp)
     if along_a_path(q_rad):
-        return np.zeros(0, np.intp)
-    apart = np.zeros(len(block), bool)
-    for number in range(BLOCKS.blocks):
-        here = block == number
-        apart[here] = outside_ranges(q_rad[here], q_rad[~here])
-    count = np.bincount(block[apart], minlength=BLOCKS.blocks)
-    last = BLOCKS.blocks - 1
-    alone = count[last] >= max(BLOCKS.least_apart, 2 * count[:last].max())
-    return np.flatnonzero(apart & (block == last) & alone)
+        return found
+    for together in range(1, BLOCKS.most_apart + 1):
+        last = BLOCKS.blocks - together
+        part = np.minimum(block, last)
+        apart = np.zeros(len(part), bool)
+        for number in range(last + 1):
+            here = part == number
+            apart[here] = outside_ranges(q_rad[here], q_rad[~here])
+        count = np.bincount(part[apart], minlength=last + 1)
+        at_end = apart & (part == last)
+        if together > 1:
+            at_end &= np.logical_and.accumulate(apart[::-1])[::-1]
+        by_chance = together * max(BLOCKS.least_apart, 2 * count[:last].max())
+        if at_end.sum() >= max(by_chance, len(found) + 1):
+            found = np.flatnonzero(at_end)
+    return found
 
 
 def _with_spring_loads_from_log(poses: Observations) -> Observations:
