@@ -143,7 +143,6 @@ class Blocks:
     # poses of the last block outside the joint positions of all others, from which they are dealt
     # to all blocks; ranges of six joints have one or two of them by chance (statistics)
     least_apart: int = 5
-    most_apart: int = 3  # blocks that such poses may fill (size)
     standard_errors: float = 3.0  # least gain of an effect, in standard errors over blocks (level)
     # least gain of an effect, as part of the remaining error over the noise (trials)
     least_share: float = 0.05

@@ -193,7 +193,9 @@ def consecutive_blocks(poses: Observations) -> Index:
 
     If each block held a single campaign, differences between campaigns would count as chance. The
     last poses of a campaign that is not one of a group, if they are apart from all others, are
-    dealt to the smallest blocks, one by one, and the others are divided without them.
+    dealt to the smallest blocks, one by one, and the others are divided without them. Only those in
+    the last block are dealt: blocks that are filled by poses apart shield each other, as they do at
+    an end of rows sorted by the steps of a joint, which are to stay together.
     """
     campaign = poses.states.campaign
     if campaign is not None:
@@ -237,33 +239,24 @@ def _tenths(campaign: Index) -> Index:
 
 
 def _last_apart(q_rad: Array, block: Index) -> Index:
-    """Return poses of the last blocks at joint positions (P, n) outside those of all other blocks.
+    """Return poses of the last block at joint positions (P, n) outside those of all other blocks.
 
     As where poses that a verdict asked for were measured after all others. If they were held out
     together, what they show would be in one block, which is then predicted badly whatever the model
     holds. None if they are no more than ranges of joints have by chance, if poses of another block
     are apart too, as in rows sorted by a joint, or along a path, where poses that are close
-    together err alike. More than fill a block are an unbroken run at the end, in up to
-    `BLOCKS.most_apart` blocks, which are then compared with the others as one.
+    together err alike.
     """
-    found = np.zeros(0, np.intp)
     if along_a_path(q_rad):
-        return found
-    for together in range(1, BLOCKS.most_apart + 1):
-        last = BLOCKS.blocks - together
-        part = np.minimum(block, last)
-        apart = np.zeros(len(part), bool)
-        for number in range(last + 1):
-            here = part == number
-            apart[here] = outside_ranges(q_rad[here], q_rad[~here])
-        count = np.bincount(part[apart], minlength=last + 1)
-        at_end = apart & (part == last)
-        if together > 1:
-            at_end &= np.logical_and.accumulate(apart[::-1])[::-1]
-        by_chance = together * max(BLOCKS.least_apart, 2 * count[:last].max())
-        if at_end.sum() >= max(by_chance, len(found) + 1):
-            found = np.flatnonzero(at_end)
-    return found
+        return np.zeros(0, np.intp)
+    apart = np.zeros(len(block), bool)
+    for number in range(BLOCKS.blocks):
+        here = block == number
+        apart[here] = outside_ranges(q_rad[here], q_rad[~here])
+    count = np.bincount(block[apart], minlength=BLOCKS.blocks)
+    last = BLOCKS.blocks - 1
+    alone = count[last] >= max(BLOCKS.least_apart, 2 * count[:last].max())
+    return np.flatnonzero(apart & (block == last) & alone)
 
 
 def _with_spring_loads_from_log(poses: Observations) -> Observations:
