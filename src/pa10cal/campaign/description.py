@@ -223,7 +223,11 @@ class CampaignDescription(Section):
     def stated(self) -> StatedByCampaign:
         """Uncertainty and targets of its instrument, as stated."""
         targets_m = {name: 1e-3 * np.array(place) for name, place in self.tool.balls_mm.items()}
-        return StatedByCampaign(1e-3 * self.instrument.uncertainty_mm, targets_m)
+        return StatedByCampaign(
+            1e-3 * self.instrument.uncertainty_mm,
+            targets_m,
+            inverse_poses=self.columns is not None and self.columns.inverse_poses,
+        )
 
     @property
     def p_ee_balls_mm(self) -> Array:

@@ -356,3 +356,10 @@ class OwnColumns(Section):
     resolver: FileColumns | None = None
     joints: FileColumns | None = None
     readings: FileColumns | None = None
+
+    @property
+    def inverse_poses(self) -> bool:
+        """Return whether measured poses are those of the instrument in the target's frame."""
+        files = (self.poses, self.readings)
+        rotations = (each.rotation for each in files if each is not None)
+        return any(each is not None and each.inverse == "pose" for each in rotations)

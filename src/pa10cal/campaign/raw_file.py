@@ -347,10 +347,10 @@ def _quaternion_columns(raw: RawRows, rotation: RotationColumns) -> dict[str, Ar
 
 
 def _places_of_inverse_poses(made: Mapping[str, NDArray[Any]]) -> dict[str, Array]:
-    """Return x, y, z of poses -R p, of places p measured in the target's frame, and their u.
+    """Return x, y, z of poses -R p, of places p measured in the target's frame.
 
-    R is the orientation of the target, as the columns of the contract hold it. What is stated of
-    its uncertainty, taken as the same about all axes, turns the place about the target.
+    R is the orientation of the target, as the columns of the contract hold it. Uncertainties stay
+    those of p, along the target's axes: `Pose.from_raw` turns them.
     """
     names = [f"{axis}_mm" for axis in "xyz"]
     wxyz, p_mm = (np.column_stack([made[name] for name in of]) for of in (QUATERNION, names))
@@ -358,20 +358,7 @@ def _places_of_inverse_poses(made: Mapping[str, NDArray[Any]]) -> dict[str, Arra
     some = np.isfinite(wxyz).all(axis=1) & (length[:, 0] > 0.0)
     R = np.full((len(wxyz), 3, 3), np.nan)
     R[some] = Rotation.from_quat(wxyz[some], scalar_first=True).as_matrix()
-    place_mm = -(R @ p_mm[:, :, None])[:, :, 0]
-    found = dict(zip(names, place_mm.T, strict=True))
-    if not all(f"u_{name}" in made for name in names):
-        return found
-    u_mm = np.column_stack([made[f"u_{name}"] for name in names])
-    variance = (R**2 @ u_mm[:, :, None] ** 2)[:, :, 0]
-    if all(f"u_{name}" in made for name in QUATERNION):
-        # A turn by u about each of three axes moves the components of a quaternion by u/2 times
-        # the root of three in all.
-        u_wxyz = np.column_stack([made[f"u_{name}"] for name in QUATERNION])
-        u_turn_rad = 2.0 / np.sqrt(3.0) * np.linalg.norm(u_wxyz, axis=1, keepdims=True)
-        across = np.sum(place_mm**2, axis=1, keepdims=True) - place_mm**2
-        variance += np.nan_to_num(u_turn_rad) ** 2 * across
-    return found | {f"u_{name}": u for name, u in zip(names, np.sqrt(variance).T, strict=True)}
+    return dict(zip(names, -(R @ p_mm[:, :, None])[:, :, 0].T, strict=True))
 
 
 def _clock(raw: RawRows, time: Time, *, from_first: bool) -> tuple[Array, list[str]]:

@@ -40,6 +40,7 @@ from pa10cal.campaign.raw_rows import (
     configurations,
     quarantined,
 )
+from pa10cal.campaign.reading_noise import Uncertainty, Unstated, with_noise_shown
 from pa10cal.campaign.rounded_joints import (
     axes_in_counts,
     axes_in_decimals,
@@ -55,6 +56,7 @@ from pa10cal.campaign.two_logs import TwoLogs
 from pa10cal.errors import CalibrationError
 from pa10cal.frame.point_fits import cross_matrix
 from pa10cal.observe.observations import KINDS, JointLog, Observations
+from pa10cal.observe.pose import u_of_attitude
 from pa10cal.observe.quantities import RawColumns
 from pa10cal.options import IngestOptions
 
@@ -86,6 +88,7 @@ def read_tracked(
     raw = _usable_rows(read, file, columns, base_names, description, arm, exclusions)
     counts_per_turn, decimals = axes_in_counts(raw, arm), axes_in_decimals(raw, arm)
     readings = _as_readings(raw, columns, base_names, description, arm, counts_per_turn)
+    unstated = _unstated(raw, columns, description)
     once, again = _first_of_each_configuration(raw, readings, arm)
     logged_count = len(once) + _configurations_lost(read, raw)
     listed = [*raw.quarantined, *again]
@@ -105,14 +108,29 @@ def read_tracked(
     beside_counts = {axis: decimals[axis] for axis in decimals.keys() - counts_per_turn.keys()}
     payload = description.payload(arm)
     readings, rounded_to = with_rounding(corrected.readings, beside_counts, arm, payload)
-    readings = _uncertain_as_joints(readings, Chain.of(arm))
+    chain, own = Chain.of(arm), readings.measured.stated_covariance
+    noise = with_noise_shown(
+        readings,
+        unstated,
+        Uncertainty(description.stated.uncertainty_m, u_of_attitude(description.stated)),
+        chain,
+        payload,
+        _uncertain_as_joints(readings, chain).measured.stated_covariance - own,
+    )
+    readings = _uncertain_as_joints(noise.readings, chain)
     averaged = with_stands_averaged(readings)
     listed += _left_out_of_stands(averaged, readings, raw.file, screen.line)
     refuse_too_many_lost()
     instrument_notes = description.instrument.type.raw_notes(columns, description.stated)
-    notes = [*raw.notes, *notes_on_counts(counts_per_turn), *instrument_notes, *corrected.notes]
+    notes = [
+        *raw.notes,
+        *notes_on_counts(counts_per_turn),
+        *instrument_notes,
+        *corrected.notes,
+        *noise.notes,
+    ]
     torques = notes_on_torques(readings.states, arm, gravity=any(description.gravity_m_s2))
-    notes += [*torques, *_notes_on_temperatures(readings.states), *averaged.notes]
+    notes += [*noise.notes, *torques, *_notes_on_temperatures(readings.states), *averaged.notes]
     warnings = [
         *raw.warnings,
         *screens.count_warnings(description.configurations, logged_count, raw.file),
@@ -131,6 +149,17 @@ def read_tracked(
         )
     timed = "time_s" in file.names
     return Ingested(averaged.readings, tuple(listed), tuple(notes), tuple(warnings), timed)
+
+
+def _unstated(raw: RawRows, measured: RawColumns, description: CampaignDescription) -> Unstated:
+    """Return what is not stated of the uncertainty of readings along the axes of an instrument."""
+    u = raw.numbers_of([f"u_{name}" for name in measured.names])
+    of_turns = np.isin(measured.names, measured.others)
+    turns_stated = description.stated.attitude_rad is not None
+    return Unstated(
+        places=bool(np.isnan(u[:, ~of_turns]).all()),
+        turns=bool(np.isnan(u[:, of_turns]).all()) and not turns_stated,
+    )
 
 
 def _left_out_of_stands(

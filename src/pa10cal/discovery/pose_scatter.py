@@ -19,7 +19,7 @@ import numpy as np
 from scipy.optimize import minimize
 from scipy.special import chdtri
 
-from pa10cal.arrays import Array, Index, drawn
+from pa10cal.arrays import Array, Index, Mask, drawn
 from pa10cal.discovery.jacobians import by_joints
 from pa10cal.discovery.noise import whitener_of
 from pa10cal.discovery.position_errors import position_errors_along_axes, seen_along_axes
@@ -85,6 +85,11 @@ def pose_weights(residual: Array, fitted_count: float, measured: Instrument) -> 
     if not seen_count:
         return unweighted(measured)
     inflate = seen_count / max(seen_count - fitted_count, NOISE.least_left_share * seen_count)
+    if measured.inverse:  # all components are uncertain together
+        whitener = whitener_of(stated)
+        white = (whitener @ residual[:, :, None])[:, :, 0]
+        size = np.sqrt(inflate) * NOISE.median_to_sigma * float(np.median(np.abs(white)))
+        return _weighed(whitener / max(size, NOISE.least_shrink), residual, seen)
     covariance = stated.copy()
     for _, kind in measured.component_kinds:
         here = seen[:, kind]
@@ -102,7 +107,11 @@ def pose_weights(residual: Array, fitted_count: float, measured: Instrument) -> 
         else:
             at = range(residual.shape[1])[kind]
             covariance[:, at, at] += (variance - stated_variance) * here
-    whitener = whitener_of(covariance)
+    return _weighed(whitener_of(covariance), residual, seen)
+
+
+def _weighed(whitener: Array, residual: Array, seen: Mask) -> PoseWeights:
+    """Return a whitener with the weights of poses by their residual (P, b)."""
     distance = np.linalg.norm((whitener @ residual[:, :, None])[:, :, 0], axis=1)
     limit = np.sqrt(chdtri(np.maximum(seen.sum(axis=1), 1), NOISE.huber_tail))
     return PoseWeights(whitener, np.minimum(1.0, limit / np.maximum(distance, limit)))

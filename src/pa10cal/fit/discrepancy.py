@@ -25,7 +25,7 @@ from pa10cal.arm.chain import BASE, end_pose_with_screws
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index, Mask
 from pa10cal.fit.fitted import Fitted
-from pa10cal.fit.problem import GaussianPrior, Problem, possible_sizes
+from pa10cal.fit.problem import GaussianPrior, Problem, Rows, possible_sizes
 from pa10cal.fit.tails import Tails
 from pa10cal.fit.validity import Discrepancy
 from pa10cal.numerics.gaussian import Gaussian
@@ -327,8 +327,14 @@ class RowsAboutFit:
         x = np.concatenate([model.x[free], np.zeros(len(BASE))])
         measured, count = poses.measured, len(model.targets_m)
         problem = Problem(at, np.arange(count), model.targets_m, model.T_instr_base, poses)
-        rows = problem.rows(problem.start(x))
-        variance = np.diagonal(measured.stated_covariance, axis1=1, axis2=2)
+        rows, covariance = problem.rows(problem.start(x)), measured.stated_covariance
+        if measured.inverse:  # components are uncertain independently along the target's axes
+            to_axes = measured.along_noise_axes()
+            rows = Rows(
+                (to_axes @ rows.residual[:, :, None])[:, :, 0], np.asarray(to_axes @ rows.jacobian)
+            )
+            covariance = to_axes @ covariance @ to_axes.swapaxes(1, 2)
+        variance = np.diagonal(covariance, axis1=1, axis2=2)
         by_variance = _by_variance(measured, rows.residual, variance)
         white = by_variance * rows.residual
         if weight is None:

@@ -91,7 +91,7 @@ def weighted_rows(
     problem: Problem, rows: Rows, scatter: ExcessScatter, robust: bool
 ) -> WeightedRows:
     """Whiten the rows of a problem; if `robust`, also weigh poses by their distance."""
-    whitener = _whitener(problem, scatter.size)
+    whitener = _whitener(problem, scatter)
     white = np.einsum("pij,pj->pi", whitener, rows.residual)
     distance = np.sqrt(np.sum(white**2, axis=1))
     weights: Array = np.ones(len(distance))
@@ -155,12 +155,14 @@ def _median(values: Array) -> float:
     return 0.5 * float(ordered[(len(values) - 1) // 2] + ordered[len(values) // 2])
 
 
-def _whitener(problem: Problem, scatter: dict[str, float]) -> Array:
+def _whitener(problem: Problem, scatter: ExcessScatter) -> Array:
     """Return the inverse Cholesky factors (P, b, b) of stated covariance plus scatter."""
     stated = problem.stated_covariance
+    if problem.observations.measured.inverse:
+        return np.asarray(np.linalg.inv(np.linalg.cholesky(stated)) * scatter.stated_part)
     excess = np.zeros(stated.shape[1])
     for kind, columns in problem.observations.measured.component_kinds:
-        excess[columns] = scatter[kind] ** 2 + _FINEST**2
+        excess[columns] = scatter.size[kind] ** 2 + _FINEST**2
     whitener = np.zeros_like(stated)
     for at, columns in problem.observations.measured.parts_seen:
         block = stated[at, columns, columns]
@@ -194,6 +196,8 @@ def refreshed(
         parts: (k, r) A such that A A^T is the covariance of the unknowns.
         before: the scatter that the rows were weighted by.
     """
+    if problem.observations.measured.inverse:
+        return _common_scatter(weighted, parts, before)
     leverage = np.zeros(weighted.residual.shape)
     for at, columns in problem.observations.measured.parts_seen:
         block = weighted.rows[at, columns]
@@ -213,3 +217,18 @@ def refreshed(
             variance = float(np.sum(precision * excess_square) / np.sum(precision * dof_each))
             sizes[kind] = float(np.sqrt(max(0.0, variance)))
     return ExcessScatter(sizes, before.stated, dof)
+
+
+def _common_scatter(weighted: WeightedRows, parts: Array, before: ExcessScatter) -> ExcessScatter:
+    """Return the scatter of poses whose components are uncertain together: of one factor for all.
+
+    See `refreshed`. Added to each component by itself it would hide how they go together.
+    """
+    flat = weighted.rows.reshape(-1, len(parts)) @ parts
+    leverage = np.sum(flat**2, axis=1).reshape(weighted.residual.shape)
+    pose_weight = weighted.weights[:, None] ** 2
+    dof = float(np.sum(pose_weight * (1.0 - leverage)))
+    square = float(np.sum(weighted.weights * np.sum(weighted.residual**2, axis=1)))
+    factor = max(1.0, square / dof / before.stated_part**2) if dof > 1.0 else 1.0
+    sizes = {kind: float(np.sqrt(factor - 1.0)) * stated for kind, stated in before.stated.items()}
+    return ExcessScatter(sizes, before.stated, dict.fromkeys(sizes, dof))

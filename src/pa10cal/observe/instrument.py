@@ -140,6 +140,36 @@ class Instrument(ABC):
         count = self.components_seen.astype(float)
         return mean.less_certain(group_means(count, code) * np.bincount(code)[:, None])
 
+    @property
+    def noise_axes(self) -> Index:
+        """Return the axis of each component (b,): x, y, z, then rotations about them, from 0.
+
+        Empty for an instrument that does not measure along axes of its own.
+        """
+        return np.zeros(0, dtype=np.intp)
+
+    @property
+    def inverse(self) -> bool:
+        """Return whether poses of the instrument in the target's frame were measured.
+
+        Then all components of a pose here are uncertain together, by errors along the target's
+        axes.
+        """
+        return False
+
+    def along_noise_axes(self) -> Array:
+        """Return by what errors of components are along the axes of `noise_axes`, (P, b, b)."""
+        raise NotImplementedError
+
+    def with_noise_along_axes(self, u_place_m: Array | None, u_turn_rad: Array | None) -> Self:
+        """Return the measurements with other uncertainties along the axes of `noise_axes`.
+
+        Args:
+            u_place_m: (3,) of positions; None for those that they have.
+            u_turn_rad: (3,) of orientations; None for those that they have.
+        """
+        raise NotImplementedError
+
     def less_certain(self, times: Array) -> Self:
         """Return the measurements with the variances of their components (P, b) times so much."""
         raise NotImplementedError

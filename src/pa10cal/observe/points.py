@@ -100,6 +100,20 @@ class Points(Instrument):
             motion_cov=None if self.motion_cov is None else group_means(self.motion_cov, code),
         )
 
+    @property
+    def noise_axes(self) -> Index:
+        return np.tile(np.arange(3), len(self.names))
+
+    def along_noise_axes(self) -> Array:
+        b = 3 * len(self.names)
+        return np.tile(np.eye(b), (len(self), 1, 1))
+
+    def with_noise_along_axes(self, u_place_m: Array | None, u_turn_rad: Array | None) -> Self:
+        if u_place_m is None:
+            return self
+        cov_m2 = np.where(np.isnan(self.cov_m2), np.nan, np.diag(u_place_m**2))
+        return replace(self, cov_m2=cov_m2)
+
     def less_certain(self, times: Array) -> Self:
         of_target = times.reshape(self.p_instr_m.shape)[..., :1, None]
         return replace(self, cov_m2=self.cov_m2 * of_target)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -45,6 +45,8 @@ class Pose(Instrument):
     # coordinates of targets on an apparatus [m], whose errors are the same in every pose; a = 0
     # where the instrument measures the pose itself
     by_apparatus: Array
+    # whether the instrument's poses in the target's frame were measured, as by a camera on the tool
+    inverse: bool = field(default=False, kw_only=True)
 
     kind: ClassVar[str] = "pose"
     locates_by: ClassVar[LocatingMethod] = "hand_eye_poses"
@@ -62,6 +64,7 @@ class Pose(Instrument):
     sees_base: ClassVar[bool] = True
     uses_lines: ClassVar[bool] = True
     least_rows: ClassVar[int] = READINGS.pose_rows
+    _of_all: ClassVar[tuple[str, ...]] = ("inverse",)
 
     @classmethod
     def of(cls, T_instr_target: Array, cov: Array) -> Pose:
@@ -77,6 +80,31 @@ class Pose(Instrument):
             cov=group_means(self.cov, code) / np.bincount(code)[:, None, None],
             by_apparatus=group_means(self.by_apparatus, code),
         )
+
+    @property
+    def noise_axes(self) -> Index:
+        return np.arange(6)
+
+    def along_noise_axes(self) -> Array:
+        if not self.inverse:
+            return np.tile(np.eye(6), (len(self), 1, 1))
+        # The inverse (R', p') of a pose (R, p) is (R^T, -R^T p): an error d of p' and a small left
+        # rotation w of R' shift p by -R d + p x (R w) and turn R by -R w.
+        R, p_m = self.T_instr_target[:, :3, :3], self.T_instr_target[:, :3, 3]
+        by_inverse = np.zeros((len(self), 6, 6))
+        by_inverse[:, :3, :3] = by_inverse[:, 3:, 3:] = -R
+        by_inverse[:, :3, 3:] = point_fits.cross_matrix(p_m) @ R
+        return np.asarray(np.linalg.inv(by_inverse), dtype=np.float64)
+
+    def with_noise_along_axes(self, u_place_m: Array | None, u_turn_rad: Array | None) -> Self:
+        to_axes = self.along_noise_axes()
+        cov = to_axes @ self.cov @ to_axes.swapaxes(1, 2)
+        for u, part in ((u_place_m, slice(0, 3)), (u_turn_rad, slice(3, 6))):
+            if u is not None:
+                cov[:, part] = cov[:, :, part] = 0.0
+                cov[:, part, part] = np.diag(u**2)
+        back = np.linalg.inv(to_axes)
+        return replace(self, cov=back @ cov @ back.swapaxes(1, 2))
 
     def less_certain(self, times: Array) -> Self:
         # The six components of a pose are measured together, and so have the same factor.
@@ -103,7 +131,7 @@ class Pose(Instrument):
         T = T_instr_ee.copy()
         for place_m in list(stated.targets_m.values())[:1]:
             T[:, :3, 3] += T[:, :3, :3] @ place_m
-        u_rad = _u_of_attitude(stated)
+        u_rad = u_of_attitude(stated)
         cov = np.diag(np.repeat([stated.uncertainty_m**2, u_rad**2], 3))
         return Pose.of(T, np.broadcast_to(cov, (len(T), 6, 6)))
 
@@ -235,7 +263,7 @@ class Pose(Instrument):
         cls, columns: Mapping[str, Array], stated: quantities.StatedByCampaign
     ) -> Self:
         T, cov = pose_of_columns(columns)
-        return cls(T, cov, np.zeros((len(T), 6, 0)))
+        return cls(T, cov, np.zeros((len(T), 6, 0)), inverse=stated.inverse_poses)
 
     def to_columns(self) -> dict[str, NDArray[Any]]:
         quaternion = Rotation.from_matrix(self.T_instr_target[:, :3, :3]).as_quat(
@@ -270,11 +298,18 @@ class Pose(Instrument):
         cov = np.zeros((len(values), 6, 6))
         u_m = np.where(np.isnan(u[:, :3]), stated.uncertainty_m, quantities.MM * u[:, :3])
         cov[:, range(3), range(3)] = u_m**2
-        cov[:, 3:, 3:] = _rotation_covariance(values[:, 3:], u[:, 3:], _u_of_attitude(stated))
-        return Pose.of(homogeneous(R, quantities.MM * values[:, :3]), cov)
+        cov[:, 3:, 3:] = _rotation_covariance(values[:, 3:], u[:, 3:], u_of_attitude(stated))
+        found = Pose.of(homogeneous(R, quantities.MM * values[:, :3]), cov)
+        if not stated.inverse_poses:
+            return found
+        # Uncertainties of positions are those of the inverse, along the target's axes.
+        found = replace(found, inverse=True)
+        back = np.linalg.inv(found.along_noise_axes())
+        cov[:, 3:, 3:] = R.swapaxes(1, 2) @ cov[:, 3:, 3:] @ R
+        return replace(found, cov=back @ cov @ back.swapaxes(1, 2))
 
 
-def _u_of_attitude(stated: quantities.StatedByCampaign) -> float:
+def u_of_attitude(stated: quantities.StatedByCampaign) -> float:
     """Return the standard uncertainty [rad] of orientations about each axis.
 
     It is the stated one, else that by positions of targets some centimetres apart.

@@ -36,6 +36,9 @@ class StatedByCampaign:
     targets_m: Mapping[str, Array]  # by name, positions (3,) of targets in the end-effector frame
     # standard uncertainty of an orientation about each axis; None where not stated
     attitude_rad: float | None = None
+    inverse_poses: bool = (
+        False  # whether the instrument's poses in the target's frame were measured
+    )
 
     def places_m(self, names: tuple[str, ...]) -> Array | None:
         """Return the positions (B, 3) of targets; None where one of them is not stated."""
