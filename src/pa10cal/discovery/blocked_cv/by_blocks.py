@@ -24,6 +24,7 @@ from pa10cal.discovery.blocked_cv.other_baselines import (
     survey_about,
     with_compliances_of,
     with_tilts_shown,
+    without_spring,
 )
 from pa10cal.discovery.blocked_cv.outcome import SearchWithMotion, search_with_motion
 from pa10cal.discovery.blocked_cv.refit import PartialFits, Refit, refit
@@ -54,8 +55,10 @@ from pa10cal.results.analysis import LackOfFit
 from pa10cal.results.calibration import EffectByCampaign
 from pa10cal.results.discovery import Needed, Remaining, SearchByBlocks
 from pa10cal.results.maps import JointWitness, PoseScatter
+from pa10cal.results.number_text import HALF_WIDTH_95
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import is_error_map
+from pa10cal.terms.joint_spring import is_spring
 from pa10cal.terms.model import Model
 from pa10cal.terms.offsets import motion_of_base
 from pa10cal.terms.term import Term
@@ -329,6 +332,8 @@ def discover_by_blocks(campaign: Prepared) -> Verdict[ByBlocks]:
         DiscoveryError: when there are too few poses.
     """
     found = _searched(campaign, Survey.of(campaign))
+    if not found.weights_assumed:
+        found = _without_spring_for_another(found)
     if not found.findings:
         return found
     extended = found.scorer.extended
@@ -337,6 +342,35 @@ def discover_by_blocks(campaign: Prepared) -> Verdict[ByBlocks]:
         return found
     ahead = _searched(campaign, survey_about(campaign, tilted, extended.weights))
     return ahead if _is_better(ahead, found) else found
+
+
+def _without_spring_for_another(found: Verdict[ByBlocks]) -> Verdict[ByBlocks]:
+    """Return the verdict of a search about rigid joints, where springs stand for other effects.
+
+    A calibration has springs alone for what turns a joint, and one that took up a part of another
+    effect leaves too little of it to be found beside it. Tried are springs of joints at which an
+    effect nearly helps; the joint's compliance is among the candidates again. Where maps were
+    found, as only many poses show them, a spring hides nothing.
+    """
+    if any(is_error_map(effect) for effect in found.scorer.extended.effects):
+        return found
+    scorer, held = found.scorer, {finding.of for finding in found.findings}
+    nearly = {
+        each.of
+        for each in scorer.remaining.tried
+        if each.gain > HALF_WIDTH_95 * each.gain_std
+    }
+    for spring in filter(is_spring, found.baseline.model.terms):
+        if spring.of not in nearly - held:
+            continue
+        rigid = without_spring(found.baseline, spring)
+        ahead = _searched(
+            found.prepared, survey_about(found.prepared, rigid, scorer.extended.weights)
+        )
+        names = {(each.id, each.of) for each in ahead.findings if not each.effect.yields}
+        if any(of == spring.of for _, of in names) and _is_better(ahead, found):
+            found = ahead
+    return found
 
 
 def _is_better(ahead: Verdict[ByBlocks], found: Verdict[ByBlocks]) -> bool:

@@ -89,6 +89,13 @@ def _with_link_parameters(baseline: FittedModel, links: Offsets, added: Offsets)
     return replace(baseline, model=model, x=np.concatenate(x), covariance=None)
 
 
+def without_spring(calibrated: FittedModel, spring: Term) -> FittedModel:
+    """Return a calibrated model with a joint rigid that has a spring in it."""
+    terms = tuple(term for term in calibrated.model.terms if term is not spring)
+    x = np.concatenate([calibrated.values_of(term) for term in terms])
+    return replace(calibrated, model=Model(calibrated.model.chain, terms), x=x, covariance=None)
+
+
 def with_compliances_of(
     calibrated: FittedModel, sets: Together, likeliest: ScoredSet
 ) -> FittedModel:
