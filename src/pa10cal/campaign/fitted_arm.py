@@ -13,11 +13,15 @@ import numpy as np
 
 from pa10cal.arm.chain import TOOL, Chain, end_pose_with_screws
 from pa10cal.arm.statics import Payload, statics
-from pa10cal.arrays import Array, Index, drawn
+from pa10cal.arrays import Array, Index, Mask, drawn
 from pa10cal.numerics.least_squares import Linearised, descend
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
 
+#: Poses that leave more than so many times the median square are gross errors (size).
+_GROSS = 25.0
+#: A log that leaves so many times what is stated is wrong (size).
+_WRONG = 1e3
 #: Poses to which an arm is fitted, at most (computing).
 _MOST_POSES = 300
 #: The fit ends where a step lowers the squares by a smaller part, which is less than a nat of the
@@ -47,6 +51,17 @@ class Left(NamedTuple):
     whitened_squares: Array  # (P,) sums of squares in the noise of the fit
     taken: Array  # (P, b, r) A of the covariance A A^T that the fit took of the residual
     by_joints: Array  # (P, b, n) derivative by errors of the joints
+
+    @property
+    def is_of_a_wrong_log(self) -> bool:
+        """Return whether so much is left that a log is wrong, as by a reversed joint."""
+        limit = _WRONG**2 * self.residual.shape[1]
+        return bool(np.median(self.whitened_squares) > limit)
+
+    @property
+    def usual(self) -> Mask:
+        """Return which poses (P,) are no gross errors."""
+        return np.asarray(self.whitened_squares <= _GROSS * np.median(self.whitened_squares))
 
 
 @dataclass(frozen=True, eq=False)

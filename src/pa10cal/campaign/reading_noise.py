@@ -33,13 +33,9 @@ from pa10cal.rules import READINGS
 _LEAST_POSES = 30
 #: Rounds of fit and variances, at most, and the relative change of every standard deviation after
 #: which there is no further one (computing).
-_MOST_ROUNDS, _SETTLED = 30, 0.02
-#: Poses whose whitened square is more than so many times the median one do not count (size).
-_GROSS = 25.0
+_MOST_ROUNDS, _SAME_SCATTER = 30, 0.02
 #: Scatter below this part of what is stated is rounding, not noise (computing).
 _LEAST_PART = 0.01
-#: A log that leaves so many times what is stated is wrong, and shows no noise (size).
-_WRONG = 1e3
 
 
 class Unstated(NamedTuple):
@@ -163,19 +159,17 @@ def _scatter_of(
         own = weighted.stated_covariance
         fit = fit.weighted_by(own + by_joints)
         at, left = fit.fitted(at)
-        square = left.whitened_squares
-        if np.median(square) > _WRONG**2 * len(axis):
+        if left.is_of_a_wrong_log:
             return None
-        usual = square <= _GROSS * np.median(square)
         # the part of what is left that is the instrument's, expected, and its variance
         part = to_axes @ own @ np.linalg.inv(own + by_joints)
         errors = part @ np.concatenate([left.residual[:, :, None], left.taken], axis=2)
         spread = (to_axes @ own - part @ own) @ back
         variance = np.sum(errors**2, axis=2) + np.diagonal(spread, axis1=1, axis2=2)
-        counted = usual[:, None] & seen
+        counted = left.usual[:, None] & seen
         by_axis = [variance[:, axis == k][counted[:, axis == k]].mean() for k in range(len(least))]
         before, sizes = sizes, np.maximum(np.sqrt(by_axis), least)
-        if len(before) and (np.abs(sizes - before) <= _SETTLED * before).all():
+        if len(before) and (np.abs(sizes - before) <= _SAME_SCATTER * before).all():
             break
         weighted = measured.with_noise_along_axes(
             sizes[:3] if unstated.places else None,

@@ -9,21 +9,20 @@ the errors of joints, each beside noise of any size (`_show_rounding`).
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple, TypeVar
 
 import numpy as np
 from scipy.optimize import minimize
 
-from pa10cal.arm.chain import TOOL, Chain, end_pose_with_screws
+from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
-from pa10cal.arm.statics import Payload, statics
-from pa10cal.arrays import Array, Mask, drawn
+from pa10cal.arm.statics import Payload
+from pa10cal.arrays import Array, Mask
+from pa10cal.campaign.fitted_arm import ArmFit, once_each
 from pa10cal.campaign.joint_positions import in_radians, position_columns
 from pa10cal.campaign.raw_rows import RawRows
 from pa10cal.errors import CalibrationError
-from pa10cal.numerics.least_squares import Linearised, descend
-from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
 
 V = TypeVar("V")
@@ -46,19 +45,6 @@ _OTHERS = 0.02
 #: Fewest different whole numbers of steps at which an axis stood, by which a step is told: all
 #: positions within a tenth of a step are whole numbers of it (level).
 _FEWEST_POSITIONS = 20
-
-#: Poses to which the arm is fitted, at most (computing).
-_MOST_POSES = 300
-#: The fit ends where a step lowers the squares by a smaller part, which is less than a nat of the
-#: likelihoods, or after so many steps (computing).
-_SETTLED, _MOST_STEPS = 1e-4, 30
-#: Singular values below this part of the largest are not determined (computing).
-_NOT_DETERMINED = 1e-6
-#: Poses that leave more than so many times the median square are not compared (size).
-_GROSS = 25.0
-#: A log that leaves so many times what is stated is wrong, as by a reversed joint, and shows no
-#: rounding (size).
-_WRONG = 1e3
 
 #: Errors of joints are sought up to so many times those of rounding (computing).
 _MOST_TIMES = 30.0
@@ -210,7 +196,7 @@ def _show_rounding(readings: Observations, chain: Chain, payload: Payload | None
     Every hypothesis bounds the errors of each joint, in units of u, beside noise of any size.
     """
     try:
-        remainder = _remainder(_once_each(readings), chain, payload)
+        remainder = _remainder(readings.take(once_each(readings)), chain, payload)
     except (CalibrationError, np.linalg.LinAlgError):
         return False  # base and targets are not determined
     if remainder is None:
@@ -234,12 +220,6 @@ def _show_rounding(readings: Observations, chain: Chain, payload: Payload | None
     with_effects = remainder.moves_most(errors_of_any_size.times * u)
     effects_alone = remainder.likeliest(u, none, np.where(with_effects, any_size, none))
     return rounded_at_least.log > effects_alone.log + _GAIN
-
-
-def _once_each(readings: Observations) -> Observations:
-    """Return a reading of each position, of not too many: repeats share their rounding."""
-    _, once = np.unique(readings.states.q_rad, axis=0, return_index=True)
-    return readings.take(np.sort(once)[drawn(len(once), _MOST_POSES)])
 
 
 class _Likeliest(NamedTuple):
@@ -301,107 +281,18 @@ def _remainder(readings: Observations, chain: Chain, payload: Payload | None) ->
     Raises:
         CalibrationError: when the poses do not determine where base and targets are.
     """
-    fit, start = _ArmFit.begun(readings, chain, payload)
-    at, there = descend(start, fit.linearise, fit.moved, _SETTLED, _MOST_STEPS)
+    fit, start = ArmFit.begun(readings, chain, payload)
+    _, left = fit.fitted(start)
     measured = fit.measured
-    sizes = np.linalg.svd(there.by_step, compute_uv=False)
-    fitted = np.count_nonzero(sizes > _NOT_DETERMINED * sizes[0])
-    free_share = 1.0 - fitted / np.count_nonzero(measured.components_seen)
-    if free_share <= 0.0:
+    free_share = 1.0 - left.taken.shape[2] / np.count_nonzero(measured.components_seen)
+    if free_share <= 0.0 or left.is_of_a_wrong_log:
         return None
-    residual, by_chain, _ = fit.compare(at)
-    square = np.sum(there.residual.reshape(residual.shape) ** 2, axis=1)
-    if np.median(square) > _WRONG**2 * residual.shape[1]:
-        return None
-    usual = square <= _GROSS * np.median(square)
-    of_kinds = np.zeros((len(measured.component_kinds), residual.shape[1]), dtype=bool)
+    of_kinds = np.zeros((len(measured.component_kinds), left.residual.shape[1]), dtype=bool)
     for of_kind, (_, columns) in zip(of_kinds, measured.component_kinds, strict=True):
         of_kind[columns] = True
     return _Remainder(
-        residual[usual] / np.sqrt(free_share),
-        measured.stated_covariance[usual],
+        left.residual[left.usual] / np.sqrt(free_share),
+        measured.stated_covariance[left.usual],
         of_kinds,
-        by_chain[usual][:, :, chain.joint_columns],
+        left.by_joints[left.usual],
     )
-
-
-class _Fitted(NamedTuple):
-    """A point of the fit."""
-
-    coordinates: Array  # (P, m) of the chain at the poses, with what springs turn
-    targets_m: Array  # (t,) coordinates of the targets in the end-effector frame
-
-
-@dataclass(frozen=True, eq=False)
-class _ArmFit:
-    """A fit of links, springs, base, tool and targets to P poses.
-
-    Its unknowns are errors of the m coordinates of the chain, turns of the n springs, and t
-    coordinates of targets.
-    """
-
-    chain: Chain
-    measured: Instrument
-    T_instr_base: Array  # (4, 4) about; the chain has the motions of the base
-    torque: Array  # (P, n) by which springs turn joints, at most 1
-    whitening: Array  # (P, b, b) by which stated noise has unit covariance
-
-    @classmethod
-    def begun(
-        cls, readings: Observations, chain: Chain, payload: Payload | None
-    ) -> tuple[_ArmFit, _Fitted]:
-        """Return the fit, and where it begins: the nominal arm, placed by the readings.
-
-        Raises:
-            CalibrationError: when the poses do not determine where base and targets are.
-        """
-        q_rad, measured = readings.states.q_rad, readings.measured
-        located = measured.locate(chain.forward(q_rad), roughly=True)
-        coordinates, targets_m = chain.coordinates(q_rad), np.zeros(0)
-        if located.T_ee_target is not None:
-            measured = measured.turned(located.T_ee_target[:3, :3])
-            coordinates[:, chain.columns(TOOL[:3])] += located.T_ee_target[:3, 3]
-        elif located.p_ee_targets_m is not None:
-            targets_m = located.p_ee_targets_m.ravel()
-        torque = _relative_torques(readings, chain, payload)
-        whitening = np.linalg.inv(np.linalg.cholesky(measured.stated_covariance))
-        fit = cls(chain, measured, located.T_instr_base, torque, whitening)
-        return fit, _Fitted(coordinates, targets_m)
-
-    def compare(self, at: _Fitted) -> tuple[Array, Array, Array]:
-        """Return residuals (P, b), predicted less measured, and their derivatives.
-
-        By the coordinates of the chain (P, b, m), and by those of the targets (P, b, t).
-        """
-        end, R = end_pose_with_screws(self.chain, at.coordinates), self.T_instr_base[:3, :3]
-        seen = self.measured.compare(self.T_instr_base @ end.T, at.targets_m)
-        screws = np.concatenate([R @ end.screws[:, :3], R @ end.screws[:, 3:]], axis=1)
-        return seen.residual, seen.by_end @ screws, seen.by_targets
-
-    def linearise(self, at: _Fitted) -> Linearised:
-        """Return the problem at a point, in stated noise."""
-        residual, by_chain, by_targets = self.compare(at)
-        by_springs = by_chain[:, :, self.chain.joint_columns] * self.torque[:, None]
-        columns = self.whitening @ np.concatenate([by_chain, by_springs, by_targets], axis=2)
-        return Linearised(
-            columns.reshape(-1, columns.shape[2]), -(self.whitening @ residual[:, :, None]).ravel()
-        )
-
-    def moved(self, at: _Fitted, step: Array) -> _Fitted:
-        """Return the point after a step of the unknowns."""
-        m, joints = at.coordinates.shape[1], self.chain.joint_columns
-        by_chain, by_springs, by_targets = np.split(step, [m, m + len(joints)])
-        coordinates = at.coordinates + by_chain
-        coordinates[:, joints] += self.torque * by_springs
-        return _Fitted(coordinates, at.targets_m + by_targets)
-
-
-def _relative_torques(readings: Observations, chain: Chain, payload: Payload | None) -> Array:
-    """Return torques (P, n) by which springs turn joints, at most 1; 0 where they are not known."""
-    states, arm = readings.states, chain.arm
-    torque = states.tau_Nm
-    logged = np.isfinite(torque).all()
-    if payload is not None and payload.gravity_m_s2.any() and not logged:
-        torque = statics(chain, chain.coordinates(states.q_rad), states.load_N, payload).joint_Nm
-    torque = np.where(arm.prismatic, 0.0, np.nan_to_num(torque))
-    return np.asarray(torque / np.maximum(np.abs(torque).max(axis=0), 1e-9))

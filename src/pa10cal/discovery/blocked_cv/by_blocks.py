@@ -356,9 +356,7 @@ def _without_spring_for_another(found: Verdict[ByBlocks]) -> Verdict[ByBlocks]:
         return found
     scorer, held = found.scorer, {finding.of for finding in found.findings}
     nearly = {
-        each.of
-        for each in scorer.remaining.tried
-        if each.gain > HALF_WIDTH_95 * each.gain_std
+        each.of for each in scorer.remaining.tried if each.gain > HALF_WIDTH_95 * each.gain_std
     }
     for spring in filter(is_spring, found.baseline.model.terms):
         if spring.of not in nearly - held:
