@@ -87,10 +87,10 @@ class Readings:
     # an orientation without a stated uncertainty is as certain as targets this far apart make it
     # [m] (size)
     target_spread_m: float = 0.1
-    # the scatter along one axis of an instrument that is so many times that along another is noise
-    # by the axis (size), if its root mean square is at most so many times the stated one (size)
+    # scatter along one axis of an instrument over that along another from which on it is noise by
+    # the axis: of trackers it is less, of cameras ten (size)
     axes_differ: float = 3.0
-    as_stated: float = 1.5
+    as_stated: float = 1.5  # rms of such scatter over the stated one, at most (size)
     of_length: float = 0.01  # a quaternion's length may differ from one by so much (size)
     # balls nearer to one line than this do not show a turn about it [mm] (size)
     collinear_mm: float = 1.0
