@@ -34,6 +34,7 @@ from pa10cal.discovery.target_wander import wander_instead_of
 from pa10cal.discovery.verdict import Scorer, Verdict, is_sought, with_unknown_cause
 from pa10cal.fit.fitted import Otherwise
 from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.forward import moves_robot
 from pa10cal.fit.uncertain_weights import open_unknowns
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.time_order import covariates, measured_again, slow_joints
@@ -338,10 +339,11 @@ def _robot_in_place_of_instrument(found: Verdict[S], finding: Finding) -> Verdic
 
 
 def with_other_readings(found: Verdict) -> Verdict:
-    """Return a verdict whose model knows what it predicts if the instrument reads otherwise.
+    """Return a verdict whose model knows what it predicts if instrument or log err otherwise.
 
-    That is where an effect of the robot and one of the instrument explain the readings alike. Of
-    several such pairs it is the one whose other member is likeliest.
+    That is where an effect of the robot and one of the instrument, or of the log, explain the
+    readings alike: predictions hold the first alone. Of several such pairs it is the one whose
+    other member is likeliest.
     """
     if not is_sought(found):
         return found
@@ -349,7 +351,7 @@ def with_other_readings(found: Verdict) -> Verdict:
         (probability, finding, other)
         for finding in found.findings
         for other, probability in finding.explanations.named
-        if (other.error_of == "readings") != (finding.effect.error_of == "readings")
+        if _whose_error(other) != _whose_error(finding.effect)
         and probability >= PROBABILITIES.other_readings
         and is_named(finding.effect)
         and is_named(other)
@@ -365,6 +367,11 @@ def with_other_readings(found: Verdict) -> Verdict:
         model = with_field(model, found.predicted.fit)
     model = replace(model, covariance=None)
     return replace(found, otherwise=Otherwise(model, probability))
+
+
+def _whose_error(effect: Effect) -> str:
+    """Return whose error an effect is, as far as predictions differ by it."""
+    return "robot" if moves_robot(effect) else effect.error_of
 
 
 def _disagreements(found: Verdict) -> Iterator[str]:

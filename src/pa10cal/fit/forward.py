@@ -402,8 +402,7 @@ def predicted(model: Fitted, given: PoseStates, frame: str) -> Prediction:
     u_mm = np.hypot(u_mm, forward.uncertain_joints_mm(states))
     u_mm = np.hypot(u_mm, forward.unmodelled_growth_mm(given, T))
     if model.otherwise is not None:
-        apart_m = (predicted(model.otherwise.model, given, frame).T - T)[:, :3, 3]
-        apart_mm = 1e3 * np.linalg.norm(apart_m, axis=1)
+        apart_mm = _apart_mm(forward, Forward.of(model.otherwise.model, frame), given, T)
         u_mm = np.hypot(u_mm, np.sqrt(model.otherwise.probability) * apart_mm)
     prediction = Prediction(T, u_mm, u_parameters_mm, model.inside(q))
     if model.falls_back is None:
@@ -415,6 +414,18 @@ def predicted(model: Fitted, given: PoseStates, frame: str) -> Prediction:
     inside = other.inside if within.nowhere else prediction.inside & ~outside
     T_other = T_base_away(model.falls_back, model) @ other.T
     return prediction.with_others(outside, T_other, inside)
+
+
+def _apart_mm(forward: Forward, other: Forward, given: PoseStates, T: Array) -> Array:
+    """Return how far another model is from predictions T (N, 4, 4) of a model, (N,).
+
+    Where it depends on directions of arrival that are not given, and the model does not, it is on
+    either side of its prediction.
+    """
+    apart_m = (other.T_base_frame(other.states(given)) - T)[:, :3, 3]
+    own_mm, by_side_mm = (each.unknown_arrival_mm(each.states(given)) for each in (forward, other))
+    further_mm2 = np.maximum(by_side_mm**2 - own_mm**2, 0.0)
+    return np.asarray(np.sqrt(1e6 * (apart_m**2).sum(axis=1) + further_mm2))
 
 
 def T_base_away(fall_back: FallBack, model: Fitted) -> Array:

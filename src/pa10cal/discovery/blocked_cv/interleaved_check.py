@@ -21,8 +21,8 @@ from pa10cal.discovery.blocked_cv.refit import Refit
 from pa10cal.discovery.blocked_cv.survey import Survey, interleaved_blocks
 from pa10cal.discovery.position_errors import position_error_mm
 from pa10cal.discovery.preparation import computable, sought
-from pa10cal.discovery.rules import BLOCKS
-from pa10cal.numerics.gaussian import cv_residual
+from pa10cal.discovery.rules import BLOCKS, PROBABILITIES
+from pa10cal.numerics.gaussian import Gaussian, cv_residual
 from pa10cal.observe.time_order import like_a_scan
 from pa10cal.results.record import EffectName
 from pa10cal.terms.effects.arrivals import ArrivalError
@@ -82,20 +82,36 @@ class InterleavedCheck:
         unwhitened = np.asarray(solved, np.float64)[:, :, 0]
         return SquaresByBlock(np.stack(by_kind), rms(position_error_mm(measured, unwhitened)))
 
+    def amounts(self, effect: Effect, beside: Sequence[Effect] = ()) -> Array:
+        """Return the amounts of an effect that is added to the model, in plausible sizes, (k,)."""
+        data, columns = self._rows([*beside, effect])
+        return Gaussian.of(columns, data).mean[-effect.linear :]
+
+    def nats(self, chosen: SquaresByBlock, instead: SquaresByBlock) -> Array:
+        """Return the log score of something in the place of what was chosen, of every block."""
+        rows = int(self._survey.poses.measured.components_seen.sum())
+        variance = float(chosen.total.sum()) / rows
+        return 0.5 * (chosen.total - instead.total) / variance / PROBABILITIES.blocks
+
     def _left_out_residuals(self, effects: Sequence[Effect], *, lag: bool) -> Array:
         """Return the whitened residuals (P, b) of poses that are left out of the fit."""
+        shape = self._measured_minus_predicted.shape
+        data, columns = self._rows(effects, lag=lag)
+        return cv_residual(data, columns, np.repeat(self._fold, shape[1])).reshape(shape)
+
+    def _rows(self, effects: Sequence[Effect], *, lag: bool = True) -> tuple[Array, Array]:
+        """Return the whitened rows (R,), and their columns (R, k) of model, lag, then effects."""
         data, poses, of_lag = self._measured_minus_predicted, self._survey.poses, self._survey.lag
         at, starts = self._operating_point, [effect.starts[0] for effect in effects]
         added = jacobians.by_scaled_effects(at, poses, effects, starts, self._whiteners)
+        own = list(self._own_columns)
         # A lag is fitted again in each fold; without one, what the survey subtracted is put back.
         if of_lag is not None and lag:
-            added.append(self._whiteners @ of_lag.columns(at, poses))
+            own.append(self._whiteners @ of_lag.columns(at, poses))
         elif of_lag is not None and of_lag.amounts is not None:
             data = data + of_lag.shift(self._survey.baseline, poses)
-        columns = np.concatenate([*self._own_columns, *added], axis=2).reshape(data.size, -1)
-        white_data = (self._whiteners @ data[:, :, None]).ravel()
-        fold_of_row = np.repeat(self._fold, data.shape[1])
-        return cv_residual(white_data, columns, fold_of_row).reshape(data.shape)
+        columns = np.concatenate([*own, *added], axis=2).reshape(data.size, -1)
+        return (self._whiteners @ data[:, :, None]).ravel(), columns
 
     def gains_a_share(self, before: SquaresByBlock, after: SquaresByBlock) -> bool:
         """Return whether left-out poses are predicted enough better, as the search requires.

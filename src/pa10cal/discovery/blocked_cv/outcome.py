@@ -34,6 +34,7 @@ from pa10cal.discovery.blocked_cv.interleaved_check import (
 )
 from pa10cal.discovery.blocked_cv.judge import Judged, gains_of_others, judged_members
 from pa10cal.discovery.blocked_cv.linear_fit import LinearFit, linear_fit, refine_maps
+from pa10cal.discovery.blocked_cv.lost_motion import lost_motion_instead, stand_for_lost_motion
 from pa10cal.discovery.blocked_cv.refit import Refit, refit
 from pa10cal.discovery.blocked_cv.search import Search
 from pa10cal.discovery.blocked_cv.survey import Survey
@@ -100,6 +101,10 @@ def search_survey(survey: Survey) -> SearchOutcome:
         added = arrivals(survey, check, found.extended.effects)
         found = with_effects_added(found, added)
         found = _without_idle_lag(found, check, [each.effect for each in added])
+    elif stand_ins := stand_for_lost_motion(found.judged):
+        rest = _without_effects(found, stand_ins)
+        instead = lost_motion_instead(survey.context, rest.interleaved_check, stand_ins)
+        found = found if instead == stand_ins else with_effects_added(rest, instead)
     bands = in_bands(found.rows, found.linear_fit)
     if bands is not None:
         found = replace(found, linear_fit=bands.fit, bands=bands)
@@ -176,6 +181,14 @@ def _with_nuisance_amounts(found: SearchOutcome) -> SearchOutcome:
         return found
     amounts = found.linear_fit.model_amounts
     return replace(found, survey=found.survey.with_amounts(amounts[len(amounts) - count :]))
+
+
+def _without_effects(found: SearchOutcome, removed: Sequence[Judged]) -> SearchOutcome:
+    """Return the outcome without some of its effects."""
+    kept = [k for k, each in enumerate(found.judged) if each not in removed]
+    members = tuple(found.linear_fit.members[k] for k in kept)
+    judged = tuple(found.judged[k] for k in kept)
+    return replace(found, judged=judged, linear_fit=linear_fit(found.rows, members))
 
 
 def with_effects_added(found: SearchOutcome, added: Sequence[Judged]) -> SearchOutcome:

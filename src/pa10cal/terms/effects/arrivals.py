@@ -10,8 +10,12 @@ import numpy as np
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.terms.effects import effect
+from pa10cal.terms.effects.joint import Backlash
 from pa10cal.terms.term import ErrorOf, TermParameter, Transferred
 from pa10cal.terms.wrapped import of_campaign
+
+#: Lost motion that is usual where all joints have it, as with standard planetary gears [rad].
+OF_PLANETARY_RAD = 2e-3
 
 
 def _of_each(campaigns: tuple[str, ...], amount: TermParameter) -> tuple[TermParameter, ...]:
@@ -64,6 +68,50 @@ class ArrivalError(effect.JointEffect):
     def elsewhere(self) -> Transferred:
         """Return the same of one campaign: there it has another amount."""
         return Transferred(ArrivalError(self.of), same_amounts=False)
+
+
+@dataclass(frozen=True)
+class LostMotion(effect.Effect):
+    """Lost motion of several joints at once: -b_j s_j [rad] of each; see `Backlash`.
+
+    A rival of `along_move`, which predicts readings as it does and moves no robot.
+    """
+
+    joints: tuple[int, ...]  # those that have it, from 1
+    id = "lost_motion"
+    sits = "arm"
+    role_in_search = "proposed"
+    varies_with = "the direction of arrival"
+    nouns = ("lost motion",)
+    clauses = ("joints have lost motion",)
+    limits = Backlash.limits
+    words = "theta_j -= b_j s_j"
+
+    @classmethod
+    def fields_at(cls, context: effect.CandidateContext, joint: int) -> tuple[Any, ...] | None:
+        joints = effect.driven_joints(context)
+        return (joints,) if joints else None
+
+    @property
+    def reported(self) -> tuple[TermParameter, ...]:
+        """Return half of the reversal error of each joint."""
+        return tuple(
+            TermParameter(f"b_{joint}", "rad", 1e-5, plausible=OF_PLANETARY_RAD)
+            for joint in self.joints
+        )
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        return tuple(f"theta_{joint}" for joint in self.joints)
+
+    @property
+    def of_each(self) -> tuple[Backlash, ...]:
+        """Return the same as effects of single joints."""
+        return tuple(Backlash(f"joint {joint}", OF_PLANETARY_RAD) for joint in self.joints)
+
+    def per_unit(self, states: PoseStates) -> Array:
+        sides = states.arrival[:, [joint - 1 for joint in self.joints]]
+        return -sides[:, :, None] * np.eye(len(self.joints))
 
 
 @dataclass(frozen=True)

@@ -108,7 +108,7 @@ _OF_JOINT: dict[str, Callable[[CandidateContext, int], Any]] = {
 
 
 #: Fields of effects that say how large one is expected to be, or in which range it is sought.
-_RANGES_AND_SIZES = frozenset({"rated_Nm", "span_Nm", "spectrum"})
+_RANGES_AND_SIZES = frozenset({"plausible_rad", "rated_Nm", "span_Nm", "spectrum"})
 
 
 @dataclass(frozen=True)
