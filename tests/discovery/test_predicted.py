@@ -124,6 +124,7 @@ def test_where_effects_hold_nowhere_it_stands_beside_the_calibrated_model(entang
     assert beside.model.model.terms == found.model.model.terms
     *_, field = beside.model.falls_back.model.model.terms
     assert field.id == "field"
+    assert beside.falls_back.why.endswith(", with what has no name predicted beside it")
     path = tmp_path / "model.yaml"
     beside.model.save(path)
     poses = beside.train.poses

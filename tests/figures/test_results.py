@@ -193,3 +193,16 @@ def test_says_where_the_general_model_predicts_far_better_than_the_papers(spoile
     assert "calibration.model to general" in said
     change(path, health={**health, "grade": "suspect_input", "held_out_rms_mm": far_mm})
     assert better_general(elsewhere(spoiled, spoiled.folder)) is None
+
+
+def test_errors_after_are_those_with_what_has_no_name_where_that_is_all_that_is_predicted(spoiled):
+    path = spoiled.folder / "discovery/verdict.json"
+    change(path, effects=[])
+    assert headline(elsewhere(spoiled, spoiled.folder))[1].name != "extended"
+    part = {"ids": ["field"], "of": "without a name, predicted", "joints": {"1": 1.0}}
+    part |= {"share": 0.5, "before_mm": 0.4, "after_mm": 0.3}
+    whole = {"share": 0.5, "without_a_name": 0.5, "over": "held-out poses", "noise_mm": 0.1}
+    change(path, explained={**whole, "of": [part], "before_mm": 0.4, "after_mm": 0.3})
+    after = headline(elsewhere(spoiled, spoiled.folder))[1]
+    assert after.name == "extended"
+    assert after.title.startswith("with what has no name predicted")

@@ -156,10 +156,13 @@ def warn_of(command: str, path: Path, contradictions: Iterable[str]) -> None:
 
 
 def notes_on(model: FittedModel) -> str:
-    """Return, for the end of a line, that the effects of a model hold nowhere; empty if they do."""
+    """Return, for the end of a line, what is used where effects hold nowhere; empty if they do."""
     if model.falls_back is None or not model.falls_back.within.nowhere:
         return ""
-    return "; its effects hold nowhere, as held-out poses showed: the calibrated model is used"
+    used = "the calibrated model is used"
+    if model.falls_back.model.model.terms_of("field"):
+        used += ", with what has no name predicted beside it"
+    return f"; its effects hold nowhere, as held-out poses showed: {used}"
 
 
 def unused_columns(path: Path, rows: JointList | TargetList) -> str:

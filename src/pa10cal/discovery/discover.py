@@ -208,9 +208,12 @@ def _unlimited(found: Verdict, by_names: FittedModel) -> Verdict:
 
 def _predicting(found: Verdict, by_names: FittedModel, fit: FieldFit) -> Verdict:
     """Return the verdict with the errors that its names and the field leave."""
-    predicted = Predicted(fit, found.train, found.holdout)
-    with_fit = with_field(by_names, fit)
-    return replace(found, predicted=predicted).with_gaps(partial(_found_by, with_fit))
+    predicted, falls_back = Predicted(fit, found.train, found.holdout), found.falls_back
+    if falls_back is not None and found.holds_nowhere:
+        why = f"{falls_back.why}, with what has no name predicted beside it"
+        falls_back = replace(falls_back, why=why)
+    found = replace(found, predicted=predicted, falls_back=falls_back)
+    return found.with_gaps(partial(_found_by, with_field(by_names, fit)))
 
 
 def _found_by(model: FittedModel, errors: PairedErrors) -> PairedErrors:

@@ -21,6 +21,8 @@ _TITLES = {
     "extended": "with the effects found",
     "with_rivals": "with rivals without a name too, not written",
 }
+#: Title of the extended model where nothing that it adds has a name.
+_WITHOUT_A_NAME = "with what has no name predicted"
 #: Parts of the configurations in words.
 _PARTS = {
     "inside": "angles seen in the fit",
@@ -123,10 +125,12 @@ def better_general(results: ResultsBundle) -> str | None:
 
 
 def model_titles(results: ResultsBundle, names: Iterable[str]) -> dict[str, str]:
-    """Return the title of each model to compare; none without effects counts as extended."""
+    """Return the title of each model to compare; one that adds nothing does not count as extended."""
     titles = {name: _TITLES[name] for name in names}
-    if results.verdict is not None and not results.verdict.effects:
+    if results.verdict is not None and not results.verdict.adds_to_calibrated:
         titles.pop("extended", None)
+    elif "extended" in titles and results.verdict is not None and not results.verdict.effects:
+        titles["extended"] = _WITHOUT_A_NAME
     if not {"geometry", "cubic"} & set(titles) and "linear" in titles:
         titles["linear"] = "calibrated"
     return titles
@@ -151,7 +155,7 @@ def _fitted(results: ResultsBundle) -> Iterator[ModelErrors]:
             trusted = _pooled([trusted_by_load[load] or by_load[load] for load in by_load])
         whole = _pooled(list(by_load.values()))
         yield from _of_model(FITTED, name, title, whole, by_load, {"trusted": trusted})
-    if results.verdict is not None and results.verdict.effects:
+    if results.verdict is not None and results.verdict.adds_to_calibrated:
         gap = results.verdict.gap.train
         pairs = {
             "inside": gap.inside,
@@ -160,7 +164,7 @@ def _fitted(results: ResultsBundle) -> Iterator[ModelErrors]:
         }
         parts = {part: pair.after for part, pair in pairs.items() if pair is not None}
         by_load = {load: pair.after for load, pair in gap.per_load.items()}
-        title = _TITLES["extended"]
+        title = model_titles(results, ["extended"])["extended"]
         yield from _of_model(FITTED, "extended", title, gap.after, by_load, parts)
         yield from _with_rivals(FITTED, gap.with_rivals)
 

@@ -482,6 +482,14 @@ class VerdictKeys(record.Part):
     no_separating_poses: str | None = record.optional()
 
     @property
+    def adds_to_calibrated(self) -> bool:
+        """Return whether the extended model predicts more than the calibrated one."""
+        without_name = self.explained is not None and any(
+            part.has_no_name for part in self.explained.of
+        )
+        return bool(self.effects) or without_name
+
+    @property
     def effects_by_share(self) -> tuple[FoundEffect, ...]:
         """Return the effects in the order of what they take away, where that is known."""
         if self.explained is None:
