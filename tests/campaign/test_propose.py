@@ -533,3 +533,12 @@ def test_beside_repeats_of_a_standing_arm_the_uncertainty_is_that_of_a_position(
     said = "# check instrument.uncertainty_mm: that of a position, by the instrument's data sheet"
     assert said not in written(table, "--robot", "ur10")[1]
     assert said in written(table.loc[table.index.repeat(3)], "--robot", "ur10")[1]
+
+
+def test_rows_without_a_detection_do_not_count_against_the_convention(tmp_path, written):
+    """As software writes them: no place, and no rotation."""
+    _, table = tracked(tmp_path)
+    own = table.rename(columns={name: f"J{k}" for k, name in enumerate(Q, start=1)})
+    own.loc[::8, [*PLACE, *QUATERNION]] = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]
+    text = written(own, "--robot", "ur10")[1]
+    assert "none agrees with the nominal arm" not in text

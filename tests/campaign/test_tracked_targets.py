@@ -359,6 +359,21 @@ def test_a_reading_out_of_reach_is_listed(tmp_path):
     assert listed(ingest(raw)) == [(5, reason)]
 
 
+def test_rows_without_a_detection_are_listed_as_that_and_are_no_outliers(tmp_path):
+    raw = sighted(tmp_path, "pose")
+    header = raw.poses[0].split(",")
+    nothing = {"x_mm": "0", "y_mm": "0", "z_mm": "0", "qw": "1", "qx": "0", "qy": "0", "qz": "0"}
+    for row in (4, 9):
+        words = raw.poses[row].split(",")
+        for name, word in nothing.items():
+            words[header.index(name)] = word
+        raw.poses[row] = ",".join(words)
+    ingested = ingest(raw)
+    reason = "reads 0, 0, 0, as a target that was not detected"
+    assert listed(ingested) == [(5, reason), (10, reason)]
+    assert not wrong_rows(ingested.quarantined)
+
+
 def test_a_label_of_another_command_is_listed(tmp_path):
     raw = sighted(tmp_path, "points", robot="gx4_351s", repeats=3)
     add(raw, 44, "q3_mm", 8.0)

@@ -9,7 +9,6 @@ import shlex
 from dataclasses import replace
 from functools import partialmethod
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -23,7 +22,6 @@ from pa10cal.arm.controller_poses import controller_pose
 from pa10cal.arm.description import Controller
 from pa10cal.campaign.pose_lists import commands_text
 from pa10cal.commands.command_line import REFUSED, run_command
-from pa10cal.commands.models import notes_on
 from pa10cal.files.arms import arm_text, load_arm
 from pa10cal.fit import compensation, fitted_model, loads
 from pa10cal.fit.fitted import FallBack
@@ -410,12 +408,6 @@ def test_effects_that_hold_nowhere_are_said_to_and_no_pose_is_away_for_that(tmp_
     assert rows(tmp_path / "out.csv")[0]["inside"] == "true"
     assert run("compensate", tmp_path, [f"id,{POSE}", f"P1,{HERE}"]) == 0
     assert "; its effects hold nowhere" in capsys.readouterr().out
-
-
-def test_what_has_no_name_is_told_where_it_is_predicted_beside_the_calibrated_model():
-    with_field = SimpleNamespace(terms_of=lambda term: [term])
-    away = SimpleNamespace(within=nothing_seen(6), model=SimpleNamespace(model=with_field))
-    assert "with what has no name" in notes_on(SimpleNamespace(falls_back=away))
 
 
 def with_effect(tmp_path, id, *x):

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pa10cal.commands.models import notes_on
 from pa10cal.discovery.discover import with_predicted
 from pa10cal.discovery.field import field_of
 from pa10cal.discovery.gap import fallen_back
@@ -125,6 +126,7 @@ def test_where_effects_hold_nowhere_it_stands_beside_the_calibrated_model(entang
     *_, field = beside.model.falls_back.model.model.terms
     assert field.id == "field"
     assert beside.falls_back.why.endswith(", with what has no name predicted beside it")
+    assert notes_on(beside.model).endswith(", with what has no name predicted beside it")
     path = tmp_path / "model.yaml"
     beside.model.save(path)
     poses = beside.train.poses

@@ -52,6 +52,7 @@ from pa10cal.campaign.recognise import (
     unit_of,
 )
 from pa10cal.campaign.row_targets import target_column, target_names
+from pa10cal.campaign.screens import not_detected
 from pa10cal.campaign.sniffing import JUDGED, Sniffed, time_columns
 from pa10cal.errors import RawDataError
 from pa10cal.frame.target_problem import scale_of_points
@@ -396,7 +397,7 @@ class ProposedColumns:
         R_ee = None
         if T_base_ee is not None:
             known = np.column_stack([values, p_m, T_base_ee.reshape(-1, 16)])
-            some = np.flatnonzero(np.isfinite(known).all(axis=1))
+            some = np.flatnonzero(np.isfinite(known).all(axis=1) & ~not_detected(p_m))
             some = some[np.linspace(0, len(some) - 1, min(len(some), JUDGED)).astype(int)]
             # Lengths may have another scale, as of a tag taken for another size.
             scale = scale_of_points(p_m[some], T_base_ee[some]) or 1.0

@@ -50,6 +50,7 @@ SAME_COMMAND_RAD, SAME_COMMAND_M = np.radians(0.5), 5e-3
 #: Lengths whose scale differs from one by more than this factor are in another unit.
 SCALE_RATIO = 5.0
 
+NOT_DETECTED = "reads 0, 0, 0, as a target that was not detected"
 OUT_OF_REACH = "further from the other positions than the arm reaches"
 OFF_REPEATS = "far from the other readings of this pose and load"
 OFF_STAND = "far from the other readings of this stand, in which the arm did not move"
@@ -66,6 +67,15 @@ OTHER_COMMAND = (
     "the joint angles are not those of this pose's other readings: a wrong label, or the clocks "
     "differ"
 )
+
+
+def not_detected(p_m: Array) -> Mask:
+    """Return positions (N, 3), or distances (N, 1), that are zero in every digit, as no reading is.
+
+    None is marked where only one is, or most are: the target may be the origin of the readings.
+    """
+    zero = np.all(p_m == 0.0, axis=1)
+    return np.asarray(zero & (1 < zero.sum() < 0.5 * len(zero)))
 
 
 def out_of_reach(p_m: Array, arm: Arm) -> Mask:

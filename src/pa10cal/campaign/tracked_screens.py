@@ -88,12 +88,16 @@ class Screen:
     def run(self) -> None:
         """Screen the rows, from the coarsest check to the finest."""
 
+        def missing(p_m: Array, _: Mask) -> Mask:
+            return screens.not_detected(p_m)
+
         def reach(p_m: Array, _: Mask) -> Mask:
             return screens.out_of_reach(p_m, self.arm)
 
         def repeats(p_m: Array, seen: Mask) -> Mask:
             return screens.off_repeats(p_m, self.found.pose[seen], self.found.states.load_N[seen])
 
+        self._quarantine_targets(self._by_target(missing), screens.NOT_DETECTED)
         self._refuse_inverse_poses()
         if (far := self._by_target(reach)).any():
             misfit = misfit_of(self.found.measured, self.T_base_ee)

@@ -125,7 +125,7 @@ def better_general(results: ResultsBundle) -> str | None:
 
 
 def model_titles(results: ResultsBundle, names: Iterable[str]) -> dict[str, str]:
-    """Return the title of each model to compare; one that adds nothing does not count as extended."""
+    """Return the title of each model to compare: the extended one only where it adds anything."""
     titles = {name: _TITLES[name] for name in names}
     if results.verdict is not None and not results.verdict.adds_to_calibrated:
         titles.pop("extended", None)
