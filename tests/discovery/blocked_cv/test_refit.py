@@ -49,6 +49,22 @@ def test_it_comes_to_rest_at_the_truth(hidden, found):
     assert np.std(left[:, :3]) == pytest.approx(2e-5, rel=0.1)
 
 
+def test_an_amount_that_poses_show_is_not_pulled_toward_the_size_expected_of_it():
+    def turn(states):
+        return at_joint(2, 6e-3 * np.sin(states.q_rad[:, 1]))
+
+    hidden = observe(Hidden(turn=turn, noise=30.0), poses=110, held_out=0)
+    weights = unweighted(hidden.readings.measured)
+    found = refit(hidden.survey, (DISK,), (np.zeros(2),), weights)
+    columns = found.columns_of(DISK)
+    std = np.sqrt(np.diag(found.covariance)[columns])
+    assert std[0] > 0.3 * DISK.parameters[0].plausible
+    assert np.all(np.abs(found.x[columns] - [6e-3, 0.0]) < 3.0 * std)
+    # once found, the same size is expected where effects are taken out and put back
+    again = PartialFits(hidden.survey, found).model_with((DISK,))
+    np.testing.assert_allclose(again.values_of(DISK), found.x[columns], atol=0.1 * std[0])
+
+
 def test_nothing_near_fits_better(hidden, found):
     survey = hidden.survey
     whiten = found.weights.whiteners(np.arange(len(survey.poses)))

@@ -8,6 +8,7 @@ up to hundreds of parameters each, whose columns are sparse.
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,6 +24,7 @@ from pa10cal.discovery.blocked_cv.normal_equations import (
     normal_equations_of,
 )
 from pa10cal.discovery.blocked_cv.survey import Survey
+from pa10cal.discovery.finding import is_named
 from pa10cal.discovery.model_with_effects import (
     ModelWithEffects,
     bounds_of_unknowns,
@@ -71,11 +73,12 @@ def refit(
             baseline.
         most_steps: largest number of steps.
     """
-    problem, baseline = _Problem(survey, effects), survey.baseline
+    baseline = survey.baseline
     before, base = baseline, np.zeros(6)
     if start_from is not None:
         before, base = start_from, start_from.x[-6:]
     x_start = np.concatenate([before.x[: len(baseline.x)], *starts, base, before.targets_m])
+    problem = _Problem(survey, effects).expecting(x_start)
     weighting, bounds = _Weighting(problem, weights, widening), problem.bounds
     found = minimise(
         bounds.clip(x_start),
@@ -93,7 +96,7 @@ def refit(
         at=problem.model_at(found.at),
         converged=found.converged,
         iterations=found.iterations,
-        covariance=problem.covariance(found.at, found.equations),
+        covariance=weighting.problem.covariance(found.at, found.equations),
         weights=weighting.weights,
     )
 
@@ -105,7 +108,7 @@ def one_step(survey: Survey, found: Refit, rows: Index) -> tuple[Array, Array]:
     """
     of_rows = replace(survey, poses=survey.poses.take(rows), block=survey.block[rows])
     weights = PoseWeights(found.weights.whitener[rows], found.weights.weight[rows])
-    problem = _Problem(of_rows, found.effects)
+    problem = _Problem(of_rows, found.effects).expecting(found.x)
     equations = problem.equations(found.x, weights)
     covariance = problem.covariance(found.x, equations)
     return found.x - covariance @ equations.gradient, covariance
@@ -114,18 +117,20 @@ def one_step(survey: Survey, found: Refit, rows: Index) -> tuple[Array, Array]:
 class _Problem:
     """Least squares of a survey's poses, for k unknowns in the order of `ModelWithEffects`.
 
-    The prior is normal. The size expected of an effect is its own, that of any other unknown what
-    physics allows (`possible_sizes`). Shapes of effects have no prior.
+    The prior is normal. The size expected of an effect is its plausible size, or how large it is at
+    the unknowns from which the fit sets out if that is more (`expecting`); that of any other
+    unknown is what physics allows (`possible_sizes`). Shapes of effects have no prior.
     """
 
     def __init__(self, survey: Survey, effects: tuple[Effect, ...]) -> None:
-        self._survey = survey
+        self._survey, self._effects = survey, effects
         self._model = with_base_motion(survey.baseline, effects)
         self.measured, baseline = survey.poses.measured, survey.baseline
         self._base = slice(len(self._model.parameters) - 6, len(self._model.parameters))
         self._targets = slice(self._base.stop, self._base.stop + len(baseline.targets_m))
         self.bounds = bounds_of_unknowns(baseline, self._model, self.measured)
-        self.prior = self._precision(effects)  # (k, k) inverse covariance
+        self._usual_prior = self._precision()  # (k, k), of effects of plausible sizes
+        self.prior = self._usual_prior  # (k, k) inverse covariance
         self.expected = np.zeros(len(self.prior))  # (k,) mean
         self.expected[: len(baseline.x)] = baseline.x
         self.expected[self._targets] = baseline.targets_m
@@ -138,15 +143,32 @@ class _Problem:
         self.dense = np.concatenate([*of_dense, every[self._targets]])  # (d,) all but maps
         self._place = np.argsort(np.concatenate([self.dense, *of_maps]))  # (k,) of each unknown
 
-    def _precision(self, effects: tuple[Effect, ...]) -> Array:
-        """Return the precision of the prior, (k, k)."""
+    def _precision(self) -> Array:
+        """Return the precision of the prior, (k, k), of effects of plausible sizes."""
         sizes = possible_sizes(self._model, self.measured)
         parts = [np.diag(sizes[: len(self._survey.baseline.x)] ** -2.0)]
-        for effect in effects:
+        for effect in self._effects:
             whitener = np.linalg.inv(effect.prior_factor)
             shapes = np.zeros((len(effect.parameters) - effect.linear,) * 2)
             parts.append(block_diag(whitener.T @ whitener, shapes))
         return np.asarray(block_diag(*parts, np.diag(sizes[self._base.start :] ** -2.0)))
+
+    def expecting(self, x: Array) -> _Problem:
+        """Return the problem with effects expected to be at least as large as at unknowns (k,).
+
+        A plausible size is that of the joints of industrial arms: ten times as much is usual of
+        small servos. It says which effects are likely, not how large one is that the poses show,
+        whose amount would be pulled toward zero. An effect within its plausible size keeps it, and
+        so do maps, whose prior makes them smooth.
+        """
+        prior = self._usual_prior.copy()
+        for effect in filter(is_named, self._effects):
+            at = self._model.columns_of(effect)
+            size = effect.size(x[at][: effect.linear])
+            prior[at, at] /= max(1.0, size) ** 2
+        problem = copy(self)
+        problem.prior = prior
+        return problem
 
     def model_at(self, x: Array) -> FittedModel:
         """Return the model at unknowns (k,)."""
@@ -214,28 +236,29 @@ class _Problem:
 
 
 class _Weighting:
-    """A problem with weights of its poses, which are renewed after every step of a fit."""
+    """A problem and weights of its poses; weights and sizes are renewed after every step."""
 
     def __init__(self, problem: _Problem, weights: PoseWeights, widening: Widening) -> None:
-        self._problem, self._widening = problem, widening
+        self.problem, self._widening = problem, widening
         self.weights = weights.widened(widening)
         self._covariance = np.zeros((0, 0))  # (k, k) where the last step began
 
     def equations(self, x: Array) -> Equations:
         """Return the equations at unknowns (k,) by the present weights."""
-        return self._problem.equations(x, self.weights)
+        return self.problem.equations(x, self.weights)
 
     def cost(self, x: Array) -> float:
         """Return the sum of squares at unknowns (k,) by the present weights."""
-        return self._problem.cost(x, self.weights)
+        return self.problem.cost(x, self.weights)
 
     def renewed(self, x: Array, taken: Step) -> Equations:
-        """Renew the weights by the residuals after a step; return the equations by these."""
-        problem = self._problem
+        """Renew weights and expected sizes after a step; return the equations by these."""
+        problem = self.problem
         self._covariance = inverse_of_free(taken.before.normal, problem.prior, ~taken.held)
         count = determined_count(self._covariance, problem.prior)
         weights = pose_weights(problem.residual(x), count, problem.measured)
         self.weights = weights.widened(self._widening)
+        self.problem = problem.expecting(x)
         return self.equations(x)
 
     def arrived(self, _: Array, taken: Step) -> bool:
@@ -288,7 +311,8 @@ class PartialFits:
 
     def __init__(self, survey: Survey, extended: Refit) -> None:
         """Linearise the model with all effects, in all but its maps."""
-        self._extended, self._problem = extended, _Problem(survey, extended.effects)
+        self._extended = extended
+        self._problem = _Problem(survey, extended.effects).expecting(extended.x)
         self._whiteners = extended.weights.whiteners()
         white, _ = self._problem.columns(extended.x, self._whiteners)
         flat = white.reshape(-1, white.shape[2])
