@@ -20,6 +20,7 @@ from pa10cal.discovery.rules import NAMES
 from pa10cal.files.arms import load_arm
 from pa10cal.terms.effects.effect import candidates
 from pa10cal.terms.effects.joint import GearRatioError
+from pa10cal.terms.effects.over_time import BaseDrift
 
 
 def names(verdict):
@@ -92,6 +93,26 @@ def test_a_size_that_is_not_plausible_is_no_name(wave):
         reasons = [*unfit(*made(wave.discovery, factor))]
         assert (reasons == []) == passes
     assert "10 times as large as is plausible" in reasons[0]
+
+
+@pytest.mark.parametrize(
+    ("rate_z_m_h", "short", "refused"),
+    [
+        (-5e-4, False, False),
+        (-4e-3, False, True),
+        (-4e-3, True, False),
+    ],  # a tripod, no mount, a short time
+)
+def test_a_mount_limits_the_rate_of_a_drift_and_not_its_plausible_size(rate_z_m_h, short, refused):
+    drift = BaseDrift.over(np.array([0.0, 360.0 if short else 36000.0]))
+    x, covariance = np.array([1e-5, 2e-4, rate_z_m_h]), 1e-6**2 * np.eye(3)
+    finding = SimpleNamespace(effect=drift, x=x, covariance=covariance, alternatives=())
+    model = SimpleNamespace(
+        values_of=lambda _: x, covariance=None, arm=load_arm("pa10_6ce"), model=None
+    )
+    reasons = [*unfit(finding, model)]
+    assert bool(reasons) == refused
+    assert not refused or reasons[0].startswith("its rate_z would be -0.004 ± 2e-06 m/h: no mount")
 
 
 def test_an_amount_within_its_uncertainty_is_no_name(wave):

@@ -19,7 +19,7 @@ from pa10cal.discovery.verdict import Scorer, Verdict
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.results.discovery import Unexplained
 from pa10cal.results.number_text import HALF_WIDTH_95
-from pa10cal.terms.effects.effect import Effect
+from pa10cal.terms.effects.effect import Effect, Limits
 
 S = TypeVar("S", bound=Scorer)
 
@@ -99,14 +99,9 @@ def unfit(finding: Finding, model: FittedModel, states: PoseStates | None = None
         names = ", ".join(finding.parameters)
         yield f"its {names} would be negative, which is not physical"
     if limits.values is not None:
-        low, high = limits.values
-        value, std = float(finding.x[0]), float(np.sqrt(max(finding.covariance[0, 0], 0.0)))
-        if value + HALF_WIDTH_95 * std < low or value - HALF_WIDTH_95 * std > high:
-            name, unit = effect.reported[0].name, effect.reported[0].unit
-            found = f"{value:.2g} ± {HALF_WIDTH_95 * std:.1g} {unit}"
-            yield f"its {name} would be {found}: {limits.why}"
+        yield from _beyond(finding, limits.values, limits.why)
     size = effect.size(x)
-    if size > NAMES.most_sizes and not _has_other_limits(effect, model):
+    if size > NAMES.most_sizes and not _has_other_limits(limits, model):
         yield f"it would be {size:.0f} times as large as is plausible"
     if states is not None and limits.turn_rad is not None:
         x_whole, most_rad = model.values_of(effect), limits.turn_rad
@@ -116,14 +111,24 @@ def unfit(finding: Finding, model: FittedModel, states: PoseStates | None = None
         yield f"{len(finding.alternatives)} other effects explain the data as well"
 
 
-def _has_other_limits(effect: Effect, model: FittedModel) -> bool:
+def _beyond(finding: Finding, values: tuple[float, float], why: str) -> Iterator[str]:
+    """Yield that a linear parameter of an effect is beyond its lowest or highest value."""
+    low, high = values
+    half_widths = HALF_WIDTH_95 * np.sqrt(np.maximum(np.diag(finding.covariance), 0.0))
+    for k, each in enumerate(finding.effect.reported[: finding.effect.linear]):
+        value, half = float(finding.x[k]), float(half_widths[k])
+        if value + half < low or value - half > high:
+            yield f"its {each.name} would be {value:.2g} ± {half:.1g} {each.unit}: {why}"
+
+
+def _has_other_limits(limits: Limits, model: FittedModel) -> bool:
     """Return whether another limit applies to an effect than its plausible size.
 
     Compliances under weights that are not stated are as uncertain as these: their limit is the
     rotation that they cause.
     """
-    by_turn = effect.limits.turn_rad is not None and weights_known(model.arm).assumed
-    return effect.limits.values is not None or by_turn
+    by_turn = limits.turn_rad is not None and weights_known(model.arm).assumed
+    return limits.values is not None or by_turn
 
 
 def _turns_too_far(

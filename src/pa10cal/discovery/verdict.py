@@ -529,9 +529,11 @@ def with_unknown_cause(found: Verdict, finding: F) -> F:
 
 def _plausible_sizes(found: Verdict, effect: Effect) -> float:
     """Return how many plausible sizes an effect of the model has; 0 where physics limits it."""
-    limited = effect.limits.values is not None or effect.limits.turn_rad is not None
     extended = found.scorer.extended
-    if limited or not is_named(effect) or effect not in extended.effects:
+    if not is_named(effect) or effect not in extended.effects:
+        return 0.0
+    limits = effect.limits_at(extended.at.arm.reach_m)
+    if limits.values is not None or limits.turn_rad is not None:
         return 0.0
     return effect.size(extended.at.values_of(effect)[: effect.linear])
 

@@ -121,7 +121,7 @@ class Limits:
     #: Whether its linear parameters cannot be negative, as those of compliances, friction or lost
     #: motion; a fit of the other sign is then another effect.
     positive: bool = False
-    values: tuple[float, float] | None = None  # lowest and highest of its first parameter
+    values: tuple[float, float] | None = None  # lowest and highest of each linear parameter
     turn_rad: float | None = None  # largest rotation that it can cause
     why: str = ""  # reason of the limit of values or of the rotation
 

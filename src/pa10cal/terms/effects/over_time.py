@@ -20,6 +20,11 @@ from pa10cal.terms.term import OPTIONAL, TermParameter
 _SECONDS_AN_HOUR = 3600.0
 #: Expected rate of a base that drifts steadily [m/h].
 _RATE_M_H = 3e-5
+#: Largest rate of a steady drift [m/h]: a floor or a column of steel moves by hundredths of a
+#: millimetre in an hour, a tripod that settles or a camera that warms up by up to some millimetres.
+_MOST_M_H = 3e-3
+#: And in expected rates, which are larger in a short campaign.
+_MOST_RATES = 10.0
 #: Expected amplitude of the slowest wave of a drifting base [m]; that of wave k is 1/k of it, as of
 #: a random walk.
 _WAVE_M = 1e-4
@@ -76,6 +81,14 @@ class BaseDrift(Effect):
             for axis in "xyz"
         ]
         return (*rates, *waves)
+
+    def limits_at(self, reach_m: float) -> Limits:
+        """Return its limits: of a steady drift the rate that a mount of the instrument may have."""
+        if self.waves:
+            return super().limits_at(reach_m)
+        most_m_h = max(_MOST_M_H, _MOST_RATES * (self.plausible_m_h or _RATE_M_H))
+        why = f"no mount of an arm or instrument moves by {1e3 * most_m_h:.2g} mm in an hour"
+        return Limits(values=(-most_m_h, most_m_h), why=why)
 
     def per_unit(self, states: PoseStates) -> Array:
         """Return hours since the first reading, then the waves, for each axis separately."""
