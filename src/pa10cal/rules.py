@@ -195,6 +195,9 @@ class Scatter:
     surely_errors: float = 2.0
     # relative standard error of that ratio, times the root of the number of deviates (statistics)
     error_of_ratio: float = 1.4
+    # how far a reading with a gross error is off at least, over the scatter of all its components
+    # together: one component may hardly scatter (chosen)
+    least_far: float = 3.0
     # another reading confirms one where they differ by less than this part of how far it is off
     # (chosen)
     confirmed_share: float = 0.3

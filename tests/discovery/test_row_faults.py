@@ -24,7 +24,7 @@ from pa10cal.discovery.log_faults import fault_of_influential_pose, fault_of_qua
 from pa10cal.discovery.preparation import complete
 from pa10cal.discovery.row_faults import held_out_faults, row_faults, true_loads
 from pa10cal.discovery.rules import JUDGING
-from pa10cal.fit.tails import Tails
+from pa10cal.fit.tails import Tails, far_from_prediction
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Touched
 from pa10cal.results.calibration import InputFinding
@@ -345,6 +345,49 @@ def test_a_reading_that_no_other_of_its_pose_confirms_is_suspected(survey, thric
     # Touched balls are judged by their repeats as all else is.
     monkeypatch.setattr(type(thrice.measured), "from_touches", Touched.from_touches)
     assert accused(survey, shifted(thrice, WRONG_M, [7])) == [7]
+
+
+def seen_elsewhere(readings, shift_m, turn_rad, rows=slice(None)):
+    """Return readings of which some are shifted, by (P, 3), and turned, by small angles (P, 3)."""
+    T = readings.measured.T_instr_target.copy()
+    turn = Rotation.from_rotvec(turn_rad + np.zeros((len(T[rows]), 3))).as_matrix()
+    T[rows, :3, :3] = turn @ T[rows, :3, :3]
+    return shifted(readings.with_measured(T_instr_target=T), shift_m, rows)
+
+
+def far_held_out(survey, readings, held_out):
+    """Return which held-out readings are far from their prediction."""
+    far, _ = far_from_prediction(held_out, survey.baseline, readings)
+    return np.flatnonzero(far).tolist()
+
+
+def test_a_camera_s_depth_does_not_hide_what_is_far_off_across(survey):
+    poses = survey.survey.poses
+    depth_m = np.random.default_rng(3).standard_normal((2, len(poses), 1)) * [0.0, 0.0, 2e-3]
+    fitted, held_out = shifted(poses, depth_m[0]), shifted(poses, depth_m[1])
+    assert far_held_out(survey, fitted, held_out) == []
+    assert far_held_out(survey, fitted, shifted(held_out, [0.01, 0.0, 0.0], [7])) == [7]
+    # What is far for the scatter across is none beside that of the depth, and neither is a depth
+    # that is off as depths are.
+    assert far_held_out(survey, fitted, shifted(held_out, [2e-3, 0.0, 0.0], [7])) == []
+    assert far_held_out(survey, fitted, shifted(held_out, [0.0, 0.0, 5e-3], [7])) == []
+
+
+def test_position_and_orientation_that_are_both_far_off_show_a_wrong_reading(survey):
+    poses, rng = survey.survey.poses, np.random.default_rng(4)
+    heavy = rng.standard_t(4, (4, len(poses), 3))
+    fitted = seen_elsewhere(poses, 1e-4 * heavy[0], 1e-3 * heavy[1])
+    held_out = seen_elsewhere(poses, 1e-4 * heavy[2], 1e-3 * heavy[3])
+    assert far_held_out(survey, fitted, held_out) == []
+    off_m, off_rad = np.array([6e-3, 0.0, 0.0]), np.array([0.0, 0.06, 0.0])
+    nothing = np.zeros(3)
+    for shift_m, turn_rad, far in (
+        (off_m, nothing, []),
+        (nothing, off_rad, []),
+        (off_m, off_rad, [7]),
+    ):
+        wrong = seen_elsewhere(held_out, shift_m, turn_rad, [7])
+        assert far_held_out(survey, fitted, wrong) == far
 
 
 def test_readings_that_agree_are_what_the_model_lacks(survey, thrice):

@@ -73,17 +73,33 @@ def far_from_prediction(
     white_fitted = by_stated(fitted, model.compared(fitted).residual)
     residual = model.compared(poses).residual
     white = by_stated(poses, residual)
-    far = np.zeros(len(poses), dtype=bool)
-    for _, columns in poses.measured.component_kinds:
-        seen = components_seen(poses, columns)
-        of_fitted = white_fitted[:, columns][components_seen(fitted, columns)]
-        of_poses = white[:, columns][seen]
-        scale = max(Tails.of(of_fitted).scale, Tails.of(of_poses).scale, SCATTER.least_stated)
+    kinds = poses.measured.component_kinds
+    far, far_in_each = np.zeros(len(poses), dtype=bool), np.full(len(poses), len(kinds) > 1)
+    for _, columns in kinds:
+        seen, seen_fitted = components_seen(poses, columns), components_seen(fitted, columns)
+        # Each by its own scatter: a camera's depth beside what it sees across looks like one heavy
+        # tail, in which no reading is too far off.
+        scales = _scale_by_component(white_fitted[:, columns], seen_fitted)
+        of_fitted = (white_fitted[:, columns] / scales)[seen_fitted]
+        white[:, columns] /= scales
+        scale = max(1.0, Tails.of(white[:, columns][seen]).scale)
         white[:, columns] /= scale
         tails = Tails.of(np.concatenate([white[:, columns][seen], of_fitted / scale]))
-        limit = tails.largest(SCATTER.accused_rate, int(seen.sum()))
-        far |= np.abs(np.where(seen, white[:, columns], 0.0)).max(axis=1, initial=0.0) > limit
+        size = np.abs(np.where(seen, white[:, columns], 0.0)).max(axis=1, initial=0.0)
+        # What is far off in a component that hardly scatters is none beside the others' scatter.
+        whole = np.linalg.norm(np.where(seen, white[:, columns] * scales, 0.0), axis=1)
+        size[whole < SCATTER.least_far * np.linalg.norm(scales)] = 0.0
+        far |= size > tails.largest(SCATTER.accused_rate, int(seen.sum()))
+        # Position and orientation that are both far off need not be so far by themselves.
+        far_in_each &= size > tails.largest(SCATTER.accused_rate**0.5, int(seen.sum()))
+    far |= far_in_each
     return far & ~confirmed(poses, residual, np.flatnonzero(far)), white
+
+
+def _scale_by_component(white: Array, seen: Mask) -> Array:
+    """Return the usual size of each component (c,) of whitened residuals (P, c), those seen."""
+    scales = [Tails.of(of_one[rows]).scale for of_one, rows in zip(white.T, seen.T, strict=True)]
+    return np.maximum(scales, SCATTER.least_stated)
 
 
 def confirmed(readings: Observations, residual: Array, rows: Index) -> Mask:
