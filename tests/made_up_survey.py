@@ -132,13 +132,15 @@ class _Came:
     arrival: np.ndarray
 
 
-def observe(hidden=Hidden(), seed=20080427, poses=POSES, held_out=HELD_OUT) -> Surveyed:
-    """Let the cell measure a UR10, and calibrate it."""
+def observe(
+    hidden=Hidden(), seed=20080427, poses=POSES, held_out=HELD_OUT, springs=False
+) -> Surveyed:
+    """Let the cell measure a UR10 of rigid joints, and calibrate it; with springs if these help."""
     made = measured(hidden, seed, poses, held_out)
     every, _ = with_arrivals(observations_of(made), ARM)
     payload = payload_of_individual(made.truth.robot)
     fit = every.take(slice(poses))
-    options = CalibrationOptions().with_springs(())
+    options = CalibrationOptions() if springs else CalibrationOptions().with_springs(())
     model = fitted(calibrate_general(ARM, fit, find_start(ARM, fit), payload, options))
     setup = MeasurementSetup(payload, np.zeros((0, 3)), 20.0)
     order = np.random.default_rng(seed).permutation(poses)  # the order of rows tells nothing

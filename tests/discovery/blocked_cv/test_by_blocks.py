@@ -5,10 +5,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from made_up_poses import at_joint
 from made_up_survey import LOW_RAD, Hidden, observe
 from pa10cal.discovery.blocked_cv import by_blocks
 from pa10cal.errors import DiscoveryError
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
+from pa10cal.terms.joint_spring import is_spring
 
 
 def names(discovery):
@@ -127,3 +129,21 @@ def test_a_set_with_more_names_has_to_predict_held_out_blocks_better_by_more(
         return SimpleNamespace(effects=(None,) * count, scorer=scorer)
 
     assert by_blocks._is_better(verdict(names, rms_mm), verdict(1, 1.0)) == is_better
+
+
+@pytest.mark.slow
+def test_a_spring_that_stands_for_an_eccentric_sensor_gives_way_to_it():
+    """All joints are rigid, and the calibration has springs of what turns as gravity does."""
+    size_rad, phase_rad = 1.5e-4, 1.6
+
+    def turn(motion):
+        return at_joint(2, size_rad * np.sin(motion.q_rad[:, 1] + phase_rad))
+
+    surveyed = observe(Hidden(turn=turn, noise=3.0), 1, poses=130, held_out=0, springs=True)
+    assert "joint 2" in {term.of for term in surveyed.baseline.model.terms if is_spring(term)}
+    (finding,) = surveyed.discovery.effects
+    assert (finding.id, finding.of) == ("encoder_eccentricity", "joint 2")
+    std_rad = np.sqrt(finding.covariance[0, 0])
+    assert abs(finding.x[0] - size_rad) < 3.0 * std_rad < 0.5 * size_rad
+    extended = surveyed.discovery.extended.model
+    assert "joint 2" not in {term.of for term in extended.terms if is_spring(term)}
