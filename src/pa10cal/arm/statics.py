@@ -316,7 +316,7 @@ def _carried_weights(
     masses_kg[:, -1] += apparatus_kg + load_kg
     moments_kg_m = mass_kg[:, None] * by_link[:, :, 0]
     moments_kg_m[:, -1] += apparatus_kg * p_apparatus + load_kg[:, None] * p_load
-    level = np.linalg.norm(gravity_m_s2) * np.linalg.svd(gravity_m_s2[None])[2][1:]
+    level = across(gravity_m_s2)
     return CarriedWeights(
         mass_kg=_with_all_beyond(masses_kg),
         moment_kg_m=_with_all_beyond(moments_kg_m),
@@ -327,6 +327,12 @@ def _carried_weights(
         gravity_m_s2=np.broadcast_to(gravity_m_s2, (count, 3)),
         by_level=np.broadcast_to(level, (count, 2, 3)),
     )
+
+
+def across(gravity_m_s2: Array) -> Array:
+    """Return the derivative (2, 3) of gravity by its two tilts, of which zero is as stated."""
+    level: Array = np.linalg.norm(gravity_m_s2) * np.linalg.svd(gravity_m_s2[None])[2][1:]
+    return level
 
 
 def _with_all_beyond(of_links: Array) -> Array:

@@ -224,6 +224,9 @@ def context_of(
         time_span_s=(float(states.time_s.min()), float(states.time_s.max())),
         loads_N=tuple(np.unique(states.load_N).tolist()),
         tool_kg=0.0 if setup.payload is None else setup.payload.mass_kg,
+        gravity_m_s2=(0.0, 0.0, 0.0)
+        if setup.payload is None
+        else tuple(setup.payload.gravity_m_s2.tolist()),
         torques=source,
         commanded=setup.commanded,
         campaigns=tuple(name for name, _ in campaigns),

@@ -163,7 +163,15 @@ class Unexplained(record.Part):
 
 #: What is wrong in a log; `docs/results.md` lists the word, `docs/how-to/faults.md` what it means.
 FaultKind = Literal[
-    "label", "load", "direction", "joint_zero", "joint_sign", "payload", "step_in_time", "outlier"
+    "label",
+    "load",
+    "direction",
+    "joint_zero",
+    "joint_sign",
+    "payload",
+    "gravity",
+    "step_in_time",
+    "outlier",
 ]
 
 

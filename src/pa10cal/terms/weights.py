@@ -10,11 +10,12 @@ from typing import Any, ClassVar, Self, TypeGuard
 import numpy as np
 
 from pa10cal.arm.description import Arm
-from pa10cal.arm.statics import PoseStates, StaticLoads
+from pa10cal.arm.statics import PoseStates, StaticLoads, across
 from pa10cal.arrays import Array, Mask
 from pa10cal.errors import CalibrationError
 from pa10cal.results.discovery import FaultKind
 from pa10cal.results.number_text import plain_number, with_half_width_95
+from pa10cal.rules import MASSES
 from pa10cal.terms.effects.effect import CandidateContext, Effect, everywhere_but, static_loads_in
 from pa10cal.terms.term import (
     OPTIONAL,
@@ -226,6 +227,8 @@ _LOAD_PART = 0.1
 #: Plausible relative error of a stated tool mass, and error of its centre [m].
 _TOOL_PART = 0.3
 _TOOL_M = 0.05
+#: Plausible error of a stated direction of gravity [rad].
+_LEVEL_RAD = 0.1
 
 
 @dataclass(frozen=True)
@@ -313,10 +316,12 @@ class LoadStated(WeightStated):
 
 @dataclass(frozen=True)
 class ToolStated(WeightStated):
-    """Mass or centre of the tool are not what is stated, where torques were logged."""
+    """Mass or centre of the tool are not what is stated."""
 
     n: int  # joints of the arm
     tool_kg: float  # mass as stated
+    # mass of the arm's links, where torques were calculated: the tool may then be any; else 0
+    arm_kg: float = field(default=0.0, metadata={OPTIONAL: True})
     id = "tool_stated"
     nouns = ("tool as stated", "tools as stated")
     clauses = ("the tool is not what is stated",)
@@ -325,16 +330,21 @@ class ToolStated(WeightStated):
 
     @classmethod
     def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
-        stated = context.torques == "logged" and context.tool_kg != 0.0
-        return (False, context.arm.n, context.tool_kg) if stated else None
+        if context.torques == "none" or context.tool_kg == 0.0:
+            return None
+        calculated, mass_kg = context.torques == "masses", context.arm.mass_kg
+        arm_kg = float(mass_kg.sum()) if calculated and mass_kg is not None else 0.0
+        return calculated, context.arm.n, context.tool_kg, arm_kg
 
     words = "true mass = stated + mass, true first moment = stated + moment"
 
     @property
     def reported(self) -> tuple[TermParameter, ...]:
         """Return mass and first moment about the stated centre, along the flange's axes."""
-        mass = TermParameter("mass", "kg", 1e-2, plausible=_TOOL_PART * self.tool_kg)
-        size = _TOOL_M * self.tool_kg
+        any_kg = MASSES.unknown_tool_share * self.arm_kg
+        size_kg = max(_TOOL_PART * self.tool_kg, any_kg)
+        mass = TermParameter("mass", "kg", 1e-2, plausible=size_kg)
+        size = max(_TOOL_M * self.tool_kg, MASSES.unknown_tool_com_m * any_kg)
         return (mass, *(TermParameter(f"moment_{k}", "kg m", 1e-3, plausible=size) for k in "xyz"))
 
     def per_unit(self, states: PoseStates) -> Array:
@@ -354,8 +364,46 @@ class ToolStated(WeightStated):
         )
 
 
+@dataclass(frozen=True)
+class GravityStated(WeightStated):
+    """Gravity acts along another direction of the base than stated."""
+
+    n: int  # joints of the arm
+    gravity_m_s2: tuple[float, float, float]  # as stated, in the base frame
+    id = "gravity_stated"
+    nouns = ("gravity as stated",)
+    clauses = ("gravity does not act as stated",)
+    sits = "base"
+    kind = "gravity"
+
+    @classmethod
+    def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
+        if context.torques != "masses" or not any(context.gravity_m_s2):
+            return None
+        return (True, context.arm.n, context.gravity_m_s2)
+
+    words = "true gravity = stated + tilts across it"
+    reported = tuple(TermParameter(f"level_{k}", "rad", 1e-3, plausible=_LEVEL_RAD) for k in (1, 2))
+
+    def per_unit(self, states: PoseStates) -> Array:
+        return static_loads_in(states, self).by_weights[..., 4 * self.n + 1 :]
+
+    def fault_text(self, x: Array, std: Array) -> FaultText:
+        stated = np.array(self.gravity_m_s2)
+        size = np.linalg.norm(stated)
+        true = stated + x @ across(stated)
+        true *= size / np.linalg.norm(true)
+        vector = ", ".join(f"{part + 0.0:.2f}" for part in true)
+        tilt = with_half_width_95(*np.degrees([np.arctan(np.linalg.norm(x)), std.max()]))
+        return FaultText(
+            "campaign.yaml: gravity_m_s2",
+            f"gravity seems to act {tilt} deg off its stated direction",
+            f"check how the base stands; set gravity_m_s2: [{vector}] if it is so, and run again",
+        )
+
+
 #: Every class of fault.
-FAULTS: tuple[type[WeightStated], ...] = (LoadStated, ToolStated)
+FAULTS: tuple[type[WeightStated], ...] = (LoadStated, ToolStated, GravityStated)
 
 
 def fault_candidates(

@@ -7,9 +7,9 @@ import pytest
 
 from made_up_poses import at_rest, context_of
 from pa10cal.arm.chain import Chain
-from pa10cal.arm.statics import Payload, statics
+from pa10cal.arm.statics import Payload, across, statics
 from pa10cal.files.arms import load_arm
-from pa10cal.terms.weights import LoadStated, ToolStated, fault_candidates
+from pa10cal.terms.weights import GravityStated, LoadStated, ToolStated, fault_candidates
 
 ARM = load_arm("pa10_6ce")
 TOOL = Payload(2.4, np.array([0.0, 0, 0.19]), np.array([0, 0, 0.03]), np.array([0, 0, -9.80665]))
@@ -51,6 +51,27 @@ def test_a_tool_stated_wrongly_is_held_everywhere():
     assert "seems to be 3.00 ± 0.02 kg, its centre +20 mm along y" in told.what
 
 
+def test_a_tool_stated_wrongly_may_be_any_where_torques_were_calculated():
+    (logged,), (calculated,) = of(ToolStated), of(ToolStated, torques="masses", tool_kg=0.5)
+    assert logged.reported[0].plausible == pytest.approx(0.3 * 2.4)
+    assert calculated.reported[0].plausible == pytest.approx(0.1 * ARM.mass_kg.sum())
+    assert calculated.of_calculated
+
+
+def test_gravity_off_its_stated_direction_is_told_as_a_vector():
+    tilt = np.radians(3.0)
+    along = TOOL.gravity_m_s2[2] * np.array([0.0, np.sin(tilt), np.cos(tilt)])
+    held_Nm = found(tool=replace(TOOL, gravity_m_s2=along)).tau_Nm - found().tau_Nm
+    stated = tuple(TOOL.gravity_m_s2.tolist())
+    (gravity,) = of(GravityStated, torques="masses", gravity_m_s2=stated)
+    x = across(TOOL.gravity_m_s2) @ along / (np.linalg.norm(along) ** 2 * np.cos(tilt))
+    torque_Nm = gravity.torque_Nm(found(), x)
+    np.testing.assert_allclose(-torque_Nm, held_Nm, atol=2e-3 * np.abs(found().tau_Nm).max())
+    told = gravity.fault_text(x, np.full(2, np.radians(0.1)))
+    assert "gravity seems to act 3.0 ± 0.2 deg off its stated direction" in told.what
+    assert "gravity_m_s2: [0.00, -0.51, -9.79]" in told.remedy
+
+
 def test_a_load_is_told_as_it_seems_to_be():
     told = LoadStated("load 40 N", False, 40.0).fault_text(np.array([0.1]), np.array([0.005]))
     assert told.where == "load_N = 40"
@@ -64,8 +85,10 @@ def test_a_load_is_told_as_it_seems_to_be():
     [
         (LoadStated, {"loads_N": (40.0,)}),
         (LoadStated, {"torques": "none"}),
-        (ToolStated, {"torques": "masses"}),
+        (ToolStated, {"torques": "none"}),
         (ToolStated, {"tool_kg": 0.0}),
+        (GravityStated, {"torques": "logged", "gravity_m_s2": (0.0, 0.0, -9.81)}),
+        (GravityStated, {"torques": "masses"}),
     ],
 )
 def test_what_nothing_could_show_is_not_sought(kind, changes):

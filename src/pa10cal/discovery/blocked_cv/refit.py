@@ -101,6 +101,11 @@ def refit(
     )
 
 
+def squares_left(survey: Survey, found: Refit, weights: PoseWeights) -> float:
+    """Return the sum of squares of a fit by other weights of the poses, the prior included."""
+    return _Problem(survey, found.effects).cost(found.x, weights)
+
+
 def one_step(survey: Survey, found: Refit, rows: Index) -> tuple[Array, Array]:
     """Return the unknowns (k,) and their covariance (k, k) by some poses alone.
 

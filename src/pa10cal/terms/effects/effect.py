@@ -68,6 +68,7 @@ class CandidateContext:
     time_span_s: tuple[float, float]  # first and last reading of the campaign
     loads_N: tuple[float, ...] = ()  # external loads that were measured at
     tool_kg: float = 0.0  # mass stated of the tool; 0 where it is not known
+    gravity_m_s2: tuple[float, float, float] = (0.0, 0.0, 0.0)  # as stated, in the base frame
     # where torques come from: `logged`, `masses`, or `none`
     torques: Literal["logged", "masses", "none"] = "none"
     commanded: bool = False  # whether joint positions are those commanded, and not read back

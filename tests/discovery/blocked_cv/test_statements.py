@@ -1,0 +1,68 @@
+"""Weights of a campaign stated wrongly: told by what springs do, without logged torques."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from made_up_poses import at_rest, measured_poses
+from pa10cal.arm.chain import Chain
+from pa10cal.arm.statics import Payload
+from pa10cal.calibration.general.calibrate import calibrate_general, find_start
+from pa10cal.calibration.general.case import fitted
+from pa10cal.calibration.options import CalibrationOptions
+from pa10cal.discovery.discover import discover
+from pa10cal.discovery.preparation import MeasurementSetup
+from pa10cal.files.arms import load_arm
+from pa10cal.fit.loads import with_torques
+from pa10cal.terms.joint_spring import JointSpring
+from pa10cal.terms.model import Model
+
+ARM = load_arm("ur10")
+STATED = Payload(0.5, np.array([0.0, 0, 0.04]), np.zeros(3), np.array([0.0, 0.0, -9.81]))
+POSES, NOISE_M, NOISE_RAD = 130, 3e-5, 3e-5
+#: Springs of joints, by their windup under 100 N m [rad].
+WINDUP_RAD = {2: 5e-3, 3: 7e-3}
+
+
+def verdict(true):
+    """Return the verdict on a campaign whose arm carries another payload than stated."""
+    rng = np.random.default_rng(5)
+    model = Model(Chain.of(ARM), tuple(JointSpring(j, 100.0, cubic=False) for j in WINDUP_RAD))
+    x = np.array(list(WINDUP_RAD.values()))
+    known = {"time_s": 60.0 * np.arange(POSES), "tau_Nm": np.full((POSES, 6), np.nan)}
+    states = at_rest(rng.uniform(-1.8, 1.8, (POSES, 6)), **known)
+    T = model.predict(with_torques(model, x, states, true)[0], x)
+    T[:, :3, 3] += NOISE_M * rng.standard_normal((POSES, 3))
+    turn = Rotation.from_rotvec(NOISE_RAD * rng.standard_normal((POSES, 3)))
+    T[:, :3, :3] = T[:, :3, :3] @ turn.as_matrix()
+    names, cov = (
+        np.array([f"P{k:03}" for k in range(POSES)]),
+        np.diag(np.repeat([NOISE_M**2, NOISE_RAD**2], 3)),
+    )
+    every = measured_poses(names, states, T, np.tile(cov, (POSES, 1, 1)))
+    options = CalibrationOptions().with_springs(tuple(WINDUP_RAD))
+    model = fitted(calibrate_general(ARM, every, find_start(ARM, every), STATED, options))
+    return discover(every, model, MeasurementSetup(STATED, np.zeros((0, 3)), 20.0))
+
+
+def test_right_statements_are_not_accused():
+    found = verdict(STATED)
+    assert (found.verdict, found.faults) == ("none", ())
+
+
+@pytest.mark.parametrize(
+    ("change", "kind", "told"),
+    [
+        ({"gravity_m_s2": np.array([0.0, 1.949, -9.614])}, "gravity", "1.9"),
+        ({"mass_kg": 3.0, "com_m": np.array([0.0, 0.0, 0.12])}, "payload", "stated as 0.5 kg"),
+    ],
+    ids=["gravity", "tool"],
+)
+def test_the_statement_that_is_wrong_is_told_and_no_effect_is_named(change, kind, told):
+    found = verdict(replace(STATED, **change))
+    assert (found.verdict, found.effects) == ("check_the_log", ())
+    (fault,) = found.faults
+    assert fault.kind == kind
+    assert told in fault.what + fault.remedy
