@@ -412,6 +412,14 @@ def test_a_nominal_arm_that_is_exact_is_said_so():
     assert "nominal" not in health(ended(), errors(nominal_mm=0.02)).line
 
 
+@pytest.mark.parametrize(("forearm", "said"), [(2.9e-3, True), (-2.9e-3, False), (1e-3, False)])
+def test_links_that_are_longer_by_one_share_hint_at_the_scale(forearm, said):
+    arm, made = load_arm("ur10"), ended()
+    x = arm.a_m * np.array([0.0, 3e-3, forearm, 0.0, 0.0, 0.0])
+    longer = replace(made, solution=replace(made.solution, x=x))
+    assert ("% longer than described" in health(longer, errors(arm=arm)).line) == said
+
+
 def test_a_departure_that_no_arm_was_built_with():
     alone = errors(held_out=None)
     found = health(off([25.0, -90.0, 19.0]), alone)

@@ -208,6 +208,15 @@ class GradeEvidence:
         return large_departures(self.ended, self.arm, max(self.over_noise or 1.0, 1.0))
 
     @property
+    def longer_by(self) -> float | None:
+        """Return the share by which all long links are longer than described; None if they differ.
+
+        Arms are not built so: the scale of the instrument goes with their lengths, which no
+        readings of one campaign can tell.
+        """
+        return None if self.arm is None else longer_by(self.ended, self.arm)
+
+    @property
     def below_noise(self) -> bool:
         """Return whether the remaining error is much smaller than the stated noise."""
         over = self.over_noise
@@ -283,6 +292,29 @@ def large_departures(
             text += _looks_like(arm, coordinate, value, as_built)
             found.append((tolerances, _departure(parameter, text, joint)))
     return tuple(finding for _, finding in sorted(found, key=lambda pair: -pair[0]))
+
+
+def longer_by(ended: FitSummary, arm: Arm) -> float | None:
+    """Return the share by which all long links are longer than described; None if they differ."""
+    coordinates = [ended.departures.get(each.name, "") for each in ended.parameters]
+    lengths_m = dict(enumerate(arm.a_m.tolist(), 1)), dict(enumerate(arm.d_m.tolist(), 1))
+    of_kind = dict(zip("ad", lengths_m, strict=True))
+    std_m = np.sqrt(np.maximum(np.diag(ended.covariance), 0.0))
+    found = []
+    for k, coordinate in enumerate(coordinates):
+        kind, _, number = coordinate.rpartition("_")
+        if kind in of_kind and ended.parameters[k].name not in ended.of_mounting:
+            length_m = abs(of_kind[kind][int(number)])
+            if std_m[k] < GRADES.length_known * length_m:
+                share = ended.solution.x[k] / of_kind[kind][int(number)]
+                found.append((length_m, float(share)))
+    longest_m = max((length_m for length_m, _ in found), default=0.0)
+    shares = [share for length_m, share in found if length_m > GRADES.long_share * longest_m]
+    if len(shares) < 2:
+        return None
+    mean = float(np.mean(shares))
+    alike = np.abs(np.array(shares) - mean) < GRADES.alike_share * abs(mean)
+    return mean if abs(mean) > GRADES.longer_share and alike.all() else None
 
 
 def _is_of_zero(departure: InputFinding, zero: InputFinding) -> bool:

@@ -329,6 +329,12 @@ def _remarks(evidence: GradeEvidence) -> Iterator[str]:
         remedy = f"; {first.remedy}" if first.kind == "joint_zero" else ""
         by = "held-out poses confirm" if evidence.confirmed else "poses that fit to the noise show"
         yield f"{first.where}: {first.what}, as {by}{more}{remedy}"
+    if (share := evidence.longer_by) is not None:
+        yield (
+            f"all long links are {100 * abs(share):.2g} % {'longer' if share > 0.0 else 'shorter'} "
+            "than described, which scales all predictions: check the size of the tag, board or "
+            "target, and the scale of the instrument"
+        )
     if evidence.noisy_campaign is not None:
         yield str(evidence.noisy_campaign)
     for scatter in evidence.repeats:

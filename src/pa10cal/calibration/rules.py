@@ -54,6 +54,13 @@ class Grades:
     # [rad] (size)
     joint_rad: float = 1e-5
     far_off_ratio: float = 20.0  # departure over tolerance that no arm was built with (size)
+    # lengths compared with each other for a common share: no shorter than this part of the longest,
+    # and known to this part of themselves (size)
+    long_share: float = 0.5
+    length_known: float = 3e-4
+    # least share by which all of them are longer, and how far each may be off it, relative (size)
+    longer_share: float = 1e-3
+    alike_share: float = 0.05
     # remaining error, in the spread of the measured positions, that no calibrated arm has (size)
     no_fit_share: float = 0.01
     # part of the squared error that springs leave where they explain the larger part: a
