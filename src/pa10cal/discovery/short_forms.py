@@ -19,6 +19,7 @@ from pa10cal.discovery.finding import effect_parameters, name_of
 from pa10cal.discovery.tuning import FORMS
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.results.discovery import ProposedEvidence, ProposedFormula
+from pa10cal.results.number_text import HALF_WIDTH_95
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.forms.catalogue import further
 from pa10cal.terms.forms.form import Form
@@ -207,7 +208,10 @@ def choose(
     if not good:
         return None
     best = min(good, key=lambda one: (one.form.length, one.total))
-    return FormulaProposal(best.form, tuple(instead), _record(judge, best, good, instead))
+    record = _record(judge, best, good, instead)
+    # Where no number of it is known, what helps is a slope that the formula does not tell.
+    known = any(abs(each.value) > HALF_WIDTH_95 * each.std for each in record.parameters.values())
+    return FormulaProposal(best.form, tuple(instead), record) if known else None
 
 
 def _shortlist(tried: Sequence[_Tried]) -> list[Form]:

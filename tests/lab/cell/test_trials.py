@@ -296,6 +296,7 @@ def test_singles_have_the_size_that_the_vocabulary_holds_for_plausible():
     terms = {term.id: term for term in every if term.of not in ("joint 2", "joint 3")}
     elsewhere = (
         "along_move",
+        "depth_scale",
         "joint_coupling",
         "link_growth",
         "range_constant",

@@ -76,6 +76,7 @@ EITHER_SIGN = {
     "base_drift",
     "cmm_scale",
     "cmm_squareness",
+    "depth_scale",
     "encoder_eccentricity",
     "encoder_ellipticity",
     "gear_error",
@@ -132,6 +133,17 @@ def test_every_name_says_what_the_effect_does_at_one_joint_and_at_several(kind):
         assert at in told or not at_joints
         assert noun_of(kind.id, many=many)
         assert driver_of(kind.id, many=many)
+
+
+@pytest.mark.parametrize(
+    ("middle_m", "three_axes", "there"),
+    [((0.3, 0.2, 1.2), False, True), ((2.0, 0.0, 0.5), False, False), ((0, 0, 1), True, False)],
+)
+def test_a_scale_in_depth_is_of_an_instrument_that_looks_at_the_arm(
+    context, middle_m, three_axes, there
+):
+    seen = replace(context, three_axes=three_axes, p_instr_middle_m=np.array(middle_m))
+    assert any(each.id == "depth_scale" for each in candidates(seen)) == there
 
 
 @pytest.mark.parametrize(("three_axes", "named"), [(True, {"cmm_scale"}), (False, {"scale"})])

@@ -121,6 +121,14 @@ def test_formulas_are_written_as_a_reader_writes_them():
     assert twist.formula == "reading of x += c (y - 0.5 m) (z - 0.6 m)"
 
 
+def test_a_parabola_without_curvature_is_reported_without_a_warning():
+    flat = ReadingForm("instrument", "quadratic", (2.0, 2.0), (0.0, 0.0, 1.0))
+    for x in ([0.0, 0.0], [0.0, 3e-3]):
+        told = flat.report(np.array(x))
+        assert np.isfinite(told.values).all()
+        assert np.isfinite(told.jacobian).all()
+
+
 def test_nothing_is_tried_that_was_not_logged_or_has_no_place(states, context):
     blind = replace(states, arrival=np.zeros_like(states.arrival), seen=None, static_loads=None)
     assert not any(form.form.startswith("arrival") for form in forms_at("joint 2", context, blind))

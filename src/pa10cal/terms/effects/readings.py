@@ -90,6 +90,31 @@ class Scale(FalseReading):
 
 
 @dataclass(frozen=True)
+class DepthScale(FalseReading):
+    """A camera reads (1 + s) times the depth, along the z axis in which it looks, s without unit.
+
+    As by an error of its focal length: positions across the view are right where sizes are.
+    """
+
+    id = "depth_scale"
+    clauses = ("the camera's scale in depth is off",)
+    words = "reading of z = (1 + s) z"
+    reported = (TermParameter("s", "1", 3e-5, plausible=3e-3),)
+
+    @classmethod
+    def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
+        """Return that it is possible where the targets are in front of the origin, along z."""
+        if context.three_axes is None:  # not known: possible
+            return ()
+        x, y, z = context.p_instr_middle_m
+        return () if z > np.hypot(x, y) and not context.three_axes else None
+
+    def field(self, p_instr_m: Array) -> Array:
+        field: Array = p_instr_m[..., 2:] * np.array([0.0, 0.0, 1.0])
+        return field[..., None]
+
+
+@dataclass(frozen=True)
 class RangeConstant(FalseReading):
     """The instrument reads every distance from itself longer by c, in m.
 

@@ -420,6 +420,8 @@ class ShiftForm(Form):
 
 _CUBED = sized("c3", "1/m²", _READING_M / _FROM_MIDDLE_M**3)
 _SQUARED = ("1/m", _READING_M / _FROM_MIDDLE_M**2)
+#: Least curvature of an error of reading whose vertex is told [1/m] (computing).
+_FLAT = 1e-12
 
 
 @dataclass(frozen=True)
@@ -485,7 +487,8 @@ class ReadingForm(Form, FalseReading):
     def report(self, x: Array) -> Report:
         if self.form != "quadratic":
             return super().report(x)
-        c = x[0] if x[0] != 0.0 else np.finfo(float).tiny
+        # A parabola so flat has its vertex beyond any place: neither is of a size that means much.
+        c = np.copysign(max(abs(x[0]), _FLAT), x[0])
         along = int(self.numbers[1])
         vertex = self.middle_instr_m[along] - 0.5 * x[1] / c
         jacobian = np.array([[1.0, 0.0], [0.5 * x[1] / c**2, -0.5 / c]])

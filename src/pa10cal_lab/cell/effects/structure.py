@@ -309,6 +309,20 @@ class SimulatedCmmScale(effect.SimulatedEffect):
         return np.asarray(p_instr_m * np.array(self.s))
 
 
+class SimulatedDepthScale(effect.SimulatedEffect):
+    """A camera reads its depth, along z, too long, as by a wrong focal length."""
+
+    id = "depth_scale"
+    places = ("instrument",)
+    drawn = False
+    usual = effect.draws(s=effect.signed(3e-3))
+
+    s: effect.Finite = Field(description="relative excess of the length along z")
+
+    def read_too_much_m(self, p_instr_m: Array) -> Array:
+        return np.asarray(self.s * p_instr_m * np.array([0.0, 0.0, 1.0]))
+
+
 class SimulatedRangeConstant(effect.SimulatedEffect):
     """A tracker's distance meter adds a constant: its zero, or a reflector of another radius."""
 
