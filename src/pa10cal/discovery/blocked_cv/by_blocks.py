@@ -332,10 +332,11 @@ def discover_by_blocks(campaign: Prepared) -> Verdict[ByBlocks]:
         DiscoveryError: when there are too few poses.
     """
     found = _searched(campaign, Survey.of(campaign))
-    if not found.findings and _weights_explain(found):
+    if not found.effects and _weights_explain(found):
         about = _about_statement(campaign, found)
         ahead = found if about is None else _searched(campaign, about)
-        if any(is_fault(each.effect) for each in ahead.findings):
+        told = any(is_fault(each.effect) for each in ahead.findings)
+        if told and (not found.findings or _is_better(ahead, found)):
             return ahead
     if not found.weights_assumed:
         found = _without_spring_for_another(found)
