@@ -54,12 +54,12 @@ class Grades:
     # [rad] (size)
     joint_rad: float = 1e-5
     far_off_ratio: float = 20.0  # departure over tolerance that no arm was built with (size)
-    # lengths compared with each other for a common share: no shorter than this part of the longest,
-    # and known to this part of themselves (size)
+    # a link is long from this part of the longest on (size)
     long_share: float = 0.5
+    # standard uncertainty of its length, relative, up to which it is compared with others (size)
     length_known: float = 3e-4
-    # least share by which all of them are longer, and how far each may be off it, relative (size)
-    longer_share: float = 1e-3
+    longer_share: float = 1e-3  # share by which long links are longer that is told (told)
+    # how far each may be off their mean share, relative, to be longer by the same one (trials)
     alike_share: float = 0.05
     # remaining error, in the spread of the measured positions, that no calibrated arm has (size)
     no_fit_share: float = 0.01
