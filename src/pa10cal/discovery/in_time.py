@@ -443,8 +443,6 @@ def _rivals_of(found: TimeFindings, states: PoseStates, prismatic: Mask) -> tupl
 
 def _motions_by(rivals: tuple[Threshold, ...], at: FittedModel, poses: Observations) -> Array:
     """Return columns (P, b, c) of motions of the base that depend on rivals: steps and waves."""
-    from scipy.stats import rankdata  # imported here: it takes half a second, for few campaigns
-
     states = poses.states
     courses = [np.zeros((len(poses), 0))]
     courses += [
@@ -454,7 +452,9 @@ def _motions_by(rivals: tuple[Threshold, ...], at: FittedModel, poses: Observati
     ]
     waves = np.arange(1, MOTION.rival_waves + 1)
     for covariate in dict.fromkeys(rival.covariate for rival in rivals):
-        rank = rankdata(covariate.values(states)) / len(poses)
+        values = covariate.values(states)
+        ends = [np.searchsorted(np.sort(values), values, side) for side in ("left", "right")]
+        rank = (0.5 * sum(ends) + 0.5) / len(poses)  # of equal values the mean one
         courses.append(np.cos(np.pi * np.outer(rank, waves)) / waves)
     every = np.column_stack(courses)
     sizes = np.tile(sizes_of_motions(MOTION.rival_m, 1.0), every.shape[1])
