@@ -29,10 +29,10 @@ def rms(sizes):
     return float(np.sqrt(np.mean(sizes**2)))
 
 
-def truth():
+def truth(away_m=2.5):
     """Return exact poses of a tool in the frame of an instrument."""
     T_instr_base = homogeneous(
-        Rotation.from_rotvec([0.3, 2.0, 0.4]).as_matrix(), np.array([0.2, 0.1, 2.5])
+        Rotation.from_rotvec([0.3, 2.0, 0.4]).as_matrix(), np.array([0.2, 0.1, away_m])
     )
     T_ee_tool = homogeneous(
         Rotation.from_rotvec([0.2, -0.1, 1.0]).as_matrix(), np.array([0.05, 0.02, 0.1])
@@ -91,6 +91,18 @@ def test_targets_of_a_camera_are_less_certain_in_depth():
     sizes = np.sqrt(np.diagonal(found.readings.measured.cov_m2[1], axis1=1, axis2=2))
     np.testing.assert_allclose(sizes, np.tile(CAMERA[:3], (3, 1)), rtol=0.3)
     assert np.isnan(found.readings.measured.cov_m2[0, 1]).all()
+
+
+@pytest.mark.parametrize(("power", "words"), [(1, "with the distance"), (2, "with its square")])
+def test_noise_grows_with_the_distance(power, words):
+    T = truth(away_m=1.4)
+    away = np.linalg.norm(T[:, :3, 3], axis=1)
+    growth = (away / rms(away**power) ** (1 / power)) ** power
+    noise = ALIKE * np.concatenate([np.tile(growth[:, None], 3), np.ones((len(T), 3))], axis=1)
+    found = shown(poses(off(T, noise, seed=3), 2e-4), 2e-4, Unstated(places=True, turns=False))
+    sizes = np.sqrt(np.diagonal(found.readings.measured.cov, axis1=1, axis2=2))[:, 0]
+    np.testing.assert_allclose(sizes / sizes.mean(), growth / growth.mean(), rtol=2e-3)
+    assert words in found.notes[0]
 
 
 def test_axes_that_hardly_differ_are_as_stated():
@@ -165,7 +177,8 @@ def test_the_covariance_of_inverse_poses_is_that_of_errors_before_inverting():
     errors = np.concatenate(
         [draws[:, :3, 3] - exact[:, :3, 3], Rotation.from_matrix(left).as_rotvec()], axis=1
     )
-    measured = poses(exact, 1e-3, inverse=True).with_noise_along_axes(CAMERA[:3], CAMERA[3:])
+    measured = poses(exact, 1e-3, inverse=True)
+    measured = measured.with_noise_along_axes(CAMERA[None, :3], CAMERA[3:])
     sizes = np.sqrt(np.diagonal(measured.cov[0]))
     np.testing.assert_allclose(
         np.cov(errors.T) / np.outer(sizes, sizes),

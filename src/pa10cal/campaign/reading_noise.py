@@ -7,15 +7,19 @@ squares of what it leaves along each axis, with the variance that the fit took f
 variances that it is weighted by next, until they settle (expectation and maximisation: Dempster,
 Laird and Rubin 1977).
 
-Positions stay as certain as stated on the whole: their uncertainty is distributed over the axes,
-and only where the axes differ by much and the statement is about right. Else it may be the arm that
-errs along one axis, as one whose joints all turn about the vertical. Orientations without a
-statement are as certain as they scatter, where that is less than was assumed; more may be the arm's
-error, which the scatter of a calibration takes up.
+Errors of an angle grow with the distance, and those of a depth by triangulation with its square:
+the readings show whether positions do.
+
+Positions stay as certain as stated on the whole: their uncertainty is distributed over the axes and
+distances, and only where these differ by much and the statement is about right. Else it may be the
+arm that errs along one axis, as one whose joints all turn about the vertical. Orientations without
+a statement are as certain as they scatter, where that is less than was assumed; more may be the
+arm's error, which the scatter of a calibration takes up.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -26,6 +30,7 @@ from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Array
 from pa10cal.campaign.fitted_arm import ArmFit, once_each
 from pa10cal.errors import CalibrationError
+from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
 from pa10cal.rules import READINGS
 
@@ -34,6 +39,9 @@ _LEAST_POSES = 30
 #: Rounds of fit and variances, at most, and the relative change of every standard deviation after
 #: which there is no further one (computing).
 _MOST_ROUNDS, _SAME_SCATTER = 30, 0.02
+#: Powers of the distance that positions may scatter by: of an angle, and of triangulation in depth
+#: (physics); and the gain in log likelihood that one needs [nat] (level).
+_POWERS, _GAIN = (1, 2), 6.0
 #: Scatter below this part of what is stated is rounding, not noise (computing).
 _LEAST_PART = 0.01
 
@@ -50,6 +58,23 @@ class Uncertainty(NamedTuple):
 
     place_m: float  # of a coordinate, as stated
     turn_rad: float  # of an orientation about an axis, as stated or assumed
+
+
+class _Scatter(NamedTuple):
+    """Scatter of readings along the axes of noise."""
+
+    sizes: Array  # (k,) rms over poses, of positions [m], then of orientations [rad]
+    power: int  # of the distance that positions scatter in proportion to
+    distance_m: float  # at which they scatter as their rms
+
+    def of_places(self, measured: Instrument) -> Array:
+        """Return the scatter of positions along each axis in P poses, (P, 3) [m]."""
+        return self.sizes[:3] * ((distances(measured) / self.distance_m) ** self.power)[:, None]
+
+    def is_about(self, other: _Scatter) -> bool:
+        """Return whether it differs from another by less than counts as a change."""
+        change = np.abs(self.sizes - other.sizes) / other.sizes
+        return self.power == other.power and bool(change.max() <= _SAME_SCATTER)
 
 
 class NoiseShown(NamedTuple):
@@ -91,12 +116,14 @@ def with_noise_shown(
         return unchanged
     notes = []
     u_place_m = u_turn_rad = None
-    places_m, turns_rad = scatter[:3], scatter[3:]
-    if unstated.places and _differ(places_m):
+    places_m, turns_rad = scatter.sizes[:3], scatter.sizes[3:]
+    if unstated.places and (_differ(places_m) or scatter.power):
         times_stated = _rms(places_m) / u.place_m
         as_stated = times_stated <= READINGS.as_stated
-        notes.append(_of_places(places_m, as_stated=as_stated, inverse=readings.measured.inverse))
-        u_place_m = places_m / times_stated if as_stated else None
+        if as_stated or _differ(places_m):
+            inverse = readings.measured.inverse
+            notes.append(_of_places(scatter, as_stated=as_stated, inverse=inverse))
+        u_place_m = scatter.of_places(readings.measured) / times_stated if as_stated else None
     if unstated.turns and len(turns_rad):
         shown_rad = turns_rad if _differ(turns_rad) else np.full(3, _rms(turns_rad))
         if (shown_rad < u.turn_rad / READINGS.as_stated).any():
@@ -117,12 +144,13 @@ def _differ(sizes: Array) -> bool:
     return bool(sizes.max() > READINGS.axes_differ * sizes.min())
 
 
-def _of_places(sizes_m: Array, *, as_stated: bool, inverse: bool) -> str:
+def _of_places(scatter: _Scatter, *, as_stated: bool, inverse: bool) -> str:
     """Return what the readings show of positions along the axes, in words."""
-    x, y, z = (f"{1e3 * size:.2g}" for size in sizes_m)
+    x, y, z = (f"{1e3 * size:.2g}" for size in scatter.sizes[:3])
     frame = "target (rotation.inverse: pose)" if inverse else "instrument"
     shown = f"positions scatter by {x}, {y} and {z} mm along x, y and z of the {frame}, "
     columns = "state u_x_mm, u_y_mm and u_z_mm of the rows"
+    shown += ("", "growing with the distance, ", "growing with its square, ")[scatter.power]
     shown += "about an arm fitted to them"
     if as_stated:
         return f"{shown}, and count as uncertain in that proportion; {columns} if they are not"
@@ -146,7 +174,7 @@ def _scatter_of(
     chain: Chain,
     payload: Payload | None,
     by_joints: Array,
-) -> Array | None:
+) -> _Scatter | None:
     """Return the scatter of poses about a fitted arm by the axes of noise; None of a wrong log."""
     measured = weighted = poses.measured
     axis, seen = measured.noise_axes, measured.components_seen
@@ -154,7 +182,7 @@ def _scatter_of(
     back = to_axes.swapaxes(1, 2)
     least = _LEAST_PART * np.repeat(u, 3)[: axis.max() + 1]
     fit, at = ArmFit.begun(poses, chain, payload)
-    sizes = np.zeros(0)
+    scatter: _Scatter | None = None
     for _ in range(_MOST_ROUNDS):
         own = weighted.stated_covariance
         fit = fit.weighted_by(own + by_joints)
@@ -166,13 +194,45 @@ def _scatter_of(
         errors = part @ np.concatenate([left.residual[:, :, None], left.taken], axis=2)
         spread = (to_axes @ own - part @ own) @ back
         variance = np.sum(errors**2, axis=2) + np.diagonal(spread, axis1=1, axis2=2)
-        counted = left.usual[:, None] & seen
-        by_axis = [variance[:, axis == k][counted[:, axis == k]].mean() for k in range(len(least))]
-        before, sizes = sizes, np.maximum(np.sqrt(by_axis), least)
-        if len(before) and (np.abs(sizes - before) <= _SAME_SCATTER * before).all():
+        counted = np.where(left.usual[:, None] & seen, variance, np.nan)
+        by_axis = [counted[:, axis == k] for k in range(len(least))]
+        before, scatter = scatter, _scatter_by(by_axis, distances(measured), least)
+        if before is not None and scatter.is_about(before):
             break
         weighted = measured.with_noise_along_axes(
-            sizes[:3] if unstated.places else None,
-            sizes[3:] if unstated.turns and len(sizes) > 3 else None,
+            scatter.of_places(measured) if unstated.places else None,
+            scatter.sizes[3:] if unstated.turns and len(least) > 3 else None,
         )
-    return sizes
+    return scatter
+
+
+def distances(measured: Instrument) -> Array:
+    """Return the mean distance of the targets from the origin of their frame in P poses, (P,)."""
+    return np.asarray(np.nanmean(np.linalg.norm(measured.places_m, axis=2), axis=1))
+
+
+def _scatter_by(by_axis: Sequence[Array], distance_m: Array, least: Array) -> _Scatter:
+    """Return the scatter by variances (P, c) of the components along each axis, nan if unknown.
+
+    Args:
+        distance_m: (P,) of the targets.
+        least: (k,) least scatter along each axis.
+    """
+    nats = {power: _nats_of(power, by_axis[:3], distance_m) for power in _POWERS}
+    likeliest = max(nats, key=nats.__getitem__)
+    likeliest = likeliest if nats[likeliest] > _GAIN else 0
+    usual = np.isfinite(by_axis[0]).any(axis=1)
+    middle_m = float(np.mean(distance_m[usual] ** (2 * likeliest)) ** (0.5 / max(likeliest, 1)))
+    sizes = np.sqrt([np.nanmean(variance) for variance in by_axis])
+    return _Scatter(np.maximum(sizes, least), likeliest, middle_m)
+
+
+def _nats_of(power: int, by_axis: Sequence[Array], distance_m: Array) -> float:
+    """Return the gain in log likelihood by variances (P, c) that grow with the distance."""
+    unit = (distance_m ** (2 * power))[:, None]
+    gained = 0.0
+    for variance in by_axis:
+        known = np.isfinite(variance)
+        lower = np.log(np.nanmean(variance)) - np.log(np.nanmean(variance / unit))
+        gained += 0.5 * float(known.sum() * lower - np.sum(known * np.log(unit)))
+    return gained

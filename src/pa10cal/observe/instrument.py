@@ -165,7 +165,7 @@ class Instrument(ABC):
         """Return the measurements with other uncertainties along the axes of `noise_axes`.
 
         Args:
-            u_place_m: (3,) of positions; None for those that they have.
+            u_place_m: (P, 3) of positions; None for those that they have.
             u_turn_rad: (3,) of orientations; None for those that they have.
         """
         raise NotImplementedError

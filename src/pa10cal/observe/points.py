@@ -111,7 +111,9 @@ class Points(Instrument):
     def with_noise_along_axes(self, u_place_m: Array | None, u_turn_rad: Array | None) -> Self:
         if u_place_m is None:
             return self
-        cov_m2 = np.where(np.isnan(self.cov_m2), np.nan, np.diag(u_place_m**2))
+        cov_m2 = np.where(
+            np.isnan(self.cov_m2), np.nan, np.eye(3) * (u_place_m**2)[:, None, None, :]
+        )
         return replace(self, cov_m2=cov_m2)
 
     def less_certain(self, times: Array) -> Self:

@@ -102,7 +102,7 @@ class Pose(Instrument):
         for u, part in ((u_place_m, slice(0, 3)), (u_turn_rad, slice(3, 6))):
             if u is not None:
                 cov[:, part] = cov[:, :, part] = 0.0
-                cov[:, part, part] = np.diag(u**2)
+                cov[:, part, part] = np.eye(3) * (u**2)[..., None, :]
         back = np.linalg.inv(to_axes)
         return replace(self, cov=back @ cov @ back.swapaxes(1, 2))
 
