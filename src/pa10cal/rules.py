@@ -251,6 +251,11 @@ class Lack:
     # two poses whose joints differ by less than this are a pair at one place [rad] (size)
     pair_rad: float = 0.01
     least_pairs: int = 20  # such pairs from which on they determine noise (statistics)
+    # rounds in which components are weighted by their noise and by what is lacking (computing)
+    rounds: int = 20
+    # standard errors by which all components show more than the certain ones where they count
+    # alike (level)
+    surely: float = 2.0
     # poses whose residual is so many times the usual one count less in the fit of the others
     # (level)
     far: float = 3.0

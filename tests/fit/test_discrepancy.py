@@ -8,11 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mended import write_simulated
-from pa10cal.fit.discrepancy import discrepancy_of
+from pa10cal.fit.discrepancy import RowsAboutFit, discrepancy_of
 from pa10cal.fit.model_reading import load_model, model_from_plain
 from pa10cal.fit.model_writing import model_to_plain, save_model
 from pa10cal.fit.validity import Discrepancy
 from pa10cal.interface import calibrate, read_campaign
+from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.observations import average_repeats
 from pa10cal.terms.field import embedded
 from pa10cal_lab.cell.options import HiddenEffectOptions, SimulateOptions, TrackerOptions
@@ -134,3 +135,39 @@ def test_a_model_that_is_off_where_it_was_fitted_promises_no_less(tmp_path):
     assert beyond_mm > 0.05
     # a part of it is one of base and targets, which predictions do not hold
     assert found_off.error_mm.min() > 0.5 * beyond_mm
+
+
+def rows_of(noise_mm):
+    """Return rows of poses of which components (P, 3) have so much noise, and nothing else."""
+    count, none = noise_mm.shape, np.zeros(0)
+    weights, columns = np.ones(count), np.zeros((*count, 0))
+    return RowsAboutFit(
+        data=np.zeros(count), residual=np.zeros(count), weight=weights, columns=columns,
+        sizes=none, parameter_index=none.astype(int), of_field=none.astype(bool), to_mm=weights,
+        noise_mm2=noise_mm**2, of_parameters=1.0, components_factor=1.0, trust=np.ones(count[0]),
+        before=Gaussian.none(0),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("lack_mm", [0.0, 0.05])
+def test_what_is_lacking_is_judged_where_noise_is_small(lack_mm):
+    """As in depth and across a camera, or by a probe and a camera together."""
+    noise_mm = np.full((200, 3), 0.03)
+    noise_mm[:, 2] = noise_mm[::2] = 2.0
+    rng = np.random.default_rng(3)
+    error_mm = noise_mm * rng.normal(size=noise_mm.shape)
+    error_mm += lack_mm * rng.normal(size=noise_mm.shape)
+    rows = rows_of(noise_mm)
+    square_mm2 = error_mm**2 - noise_mm**2
+    found = rows.of_poses(square_mm2, rows.certainty(square_mm2))
+    mean_mm2 = np.average(found.mm2, weights=found.certainty)
+    assert np.sqrt(max(mean_mm2, 0.0)) == pytest.approx(np.sqrt(3.0) * lack_mm, abs=0.02)
+
+
+def test_components_count_alike_where_noise_is_equal_or_the_noisy_ones_surely_show_more():
+    square_mm2 = np.random.default_rng(0).normal(size=(50, 3))
+    np.testing.assert_array_equal(rows_of(np.ones((50, 3))).certainty(square_mm2), 1.0)
+    noise_mm = np.tile([0.1, 0.1, 1.0], (50, 1))
+    in_depth_mm2 = np.tile([0.0, 0.0, 1.5], (50, 1))
+    np.testing.assert_array_equal(rows_of(noise_mm).certainty(in_depth_mm2), 1.0)
+    assert (rows_of(noise_mm).certainty(0.1 * in_depth_mm2)[:, 2] < 0.1).all()

@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 from warnings import catch_warnings, simplefilter
 
 import numpy as np
@@ -29,7 +30,7 @@ from pa10cal.fit.problem import GaussianPrior, Problem, Rows, possible_sizes
 from pa10cal.fit.tails import Tails
 from pa10cal.fit.validity import Discrepancy
 from pa10cal.numerics.gaussian import Gaussian
-from pa10cal.observe.instrument import Instrument
+from pa10cal.observe.instrument import Instrument, group_means
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.paths import along_a_path
 from pa10cal.observe.points import keep_their_distances
@@ -40,7 +41,7 @@ from pa10cal.terms.offsets import base_frame
 from pa10cal.terms.wrapped import fixed
 
 #: Least divisor, and least variance [m², rad²] (computing).
-_TINY, _NO_VARIANCE = 1e-300, 1e-24
+_TINY, _NO_VARIANCE, _NO_SQUARE_MM2 = 1e-300, 1e-24, 1e-18
 
 
 def discrepancy_of(
@@ -68,7 +69,7 @@ def discrepancy_of(
     rows = rows.with_noise_of_pairs(points, label, LACK.pair_rad * float(lever_m.max()))
     places = well_spread(points, LACK.most_places)
     rng = np.random.default_rng(0)
-    distance_m, square_mm2, trust = [], [], []
+    held_out, distance_m, square_mm2 = [], [], []
     for number, fold in enumerate(held_out_in_turn(points, label, poses.states, groups, rng)):
         for k in range(groups):
             out = np.flatnonzero(fold == k)
@@ -77,15 +78,18 @@ def discrepancy_of(
                 continue
             distance_m.append(cKDTree(points[stays]).query(points[out])[0])
             square_mm2.append(rows.beyond_parameters_mm2(out))
-            trust.append(rows.trust[out])
+            held_out.append(out)
         if number == 0:
             near_m = float(np.quantile(np.concatenate(distance_m), LACK.near_share))
-    errors_mm2, weights = np.concatenate(square_mm2), np.concatenate(trust)
+    out, squares_mm2 = np.concatenate(held_out), np.concatenate(square_mm2)
+    certainty = rows.certainty(group_means(squares_mm2, out))
+    of_poses = rows.of_poses(squares_mm2, certainty[out])
+    errors_mm2, weights = of_poses.mm2, rows.trust[out] * of_poses.certainty
     steps_m, mean_mm2 = _by_distance(np.concatenate(distance_m), errors_mm2, weights)
     # Poses held out are predicted by a new fit; the model itself may be further off than that even
     # where it was fitted, as one that was fitted beside an error without a name.
     expected_mm2 = max(float(np.average(errors_mm2, weights=weights)), 0.0)
-    own_mm2 = rows.beyond_noise_mm2(poses.measured.by_stated_targets)
+    own_mm2 = rows.beyond_noise_mm2(poses.measured.by_stated_targets, certainty)
     mean_mm2 = mean_mm2 + max(own_mm2 - expected_mm2, 0.0)
     return Discrepancy(
         q=poses.states.q_rad[places],
@@ -257,10 +261,18 @@ def _to_mm(measured: Instrument, weight: Array) -> Array:
 
 
 def _noise_mm2(measured: Instrument, variance: Array) -> Array:
-    """Return the mean square (P,) of the position error by variances (P, b) of components [m²]."""
-    places = measured.position_columns
-    seen_m2 = np.where(measured.components_seen[:, places], variance[:, places], 0.0).sum(axis=1)
-    return np.asarray(1e6 * seen_m2 / _targets_seen(measured))
+    """Return what variances (P, b) of components [m²] add to the square of the position error."""
+    places, noise_m2 = measured.position_columns, np.zeros_like(variance)
+    seen = measured.components_seen[:, places]
+    noise_m2[:, places] = np.where(seen, variance[:, places], 0.0)
+    return np.asarray(1e6 * noise_m2 / _targets_seen(measured)[:, None])
+
+
+class SquaresOfPoses(NamedTuple):
+    """Squares of position errors beyond noise, and by how much each counts."""
+
+    mm2: Array  # (N,)
+    certainty: Array  # (N,)
 
 
 @dataclass(frozen=True, eq=False)
@@ -280,7 +292,7 @@ class RowsAboutFit:
     parameter_index: Index
     of_field: Mask  # (k,) which unknowns are those of a field, fitted to residuals of the others
     to_mm: Array  # (P, b) factor from a weighted component to its part of the position error [mm]
-    noise_mm2: Array  # (P,) mean square of the position error by noise
+    noise_mm2: Array  # (P, b) what noise of each component adds to the square of that error
     # ratio of the variance of predictions by the model's covariance to that by these rows
     of_parameters: float
     # factor of a squared error: 3 where only the line-of-sight component is measured, else 1
@@ -389,14 +401,57 @@ class RowsAboutFit:
         error_mm = self.to_mm * self.data
         half = 0.5 * ((error_mm - error_mm[other]) ** 2).sum(axis=1)[near]
         trust = (self.trust * self.trust[other])[near]
-        noise_mm2 = float(np.average(half, weights=trust))
-        return replace(self, noise_mm2=np.minimum(self.noise_mm2, noise_mm2))
+        stated = 0.5 * (self.noise_mm2 + self.noise_mm2[other]).sum(axis=1)[near]
+        part = float(np.sum(trust * half)) / max(float(np.sum(trust * stated)), _TINY)
+        return replace(self, noise_mm2=min(part, 1.0) * self.noise_mm2)
 
-    def beyond_noise_mm2(self, by_apparatus: Array) -> float:
+    def certainty(self, square_mm2: Array) -> Array:
+        """Return by how much each component counts in mean squares beyond noise, (P, b).
+
+        A square varies by its own expected size, so that those of noisy components would hide what
+        a model lacks: each counts by the inverse square of noise and lack together, 1 for the least
+        noisy. All count alike where together they surely show more than the certain ones.
+
+        Args:
+            square_mm2: (P, b) squares beyond noise and parameters.
+        """
+        shown = self.to_mm > 0.0
+        count = np.maximum(shown.sum(axis=1, keepdims=True), 1)
+        noise_mm2 = self.components_factor * count * self.noise_mm2  # if all components had it
+        alike = certainty = shown.astype(float)
+        every_mm2 = lack_mm2 = self._mean_mm2(square_mm2, alike)
+        for _ in range(LACK.rounds):
+            size_mm2 = np.maximum(noise_mm2 + max(lack_mm2, 0.0), _NO_SQUARE_MM2)
+            certainty = np.where(shown, (size_mm2[shown].min(initial=np.inf) / size_mm2) ** 2, 0.0)
+            lack_mm2 = self._mean_mm2(square_mm2, certainty)
+        variance = 2.0 * np.sum(np.where(shown, size_mm2 / count, 0.0) ** 2, axis=1)
+        u_mm2 = np.sqrt(np.sum(self.trust**2 * variance)) / self.trust.sum()
+        return alike if every_mm2 - lack_mm2 > LACK.surely * u_mm2 else certainty
+
+    def _mean_mm2(self, square_mm2: Array, certainty: Array) -> float:
+        of_poses = self.of_poses(square_mm2, certainty)
+        return float(np.average(of_poses.mm2, weights=self.trust * of_poses.certainty))
+
+    @staticmethod
+    def of_poses(square_mm2: Array, certainty: Array) -> SquaresOfPoses:
+        """Return squares of position errors by those of components, and by how much they count.
+
+        Args:
+            square_mm2: (N, b) of components.
+            certainty: (N, b) by how much each counts.
+        """
+        count, whole = np.count_nonzero(certainty, axis=1), certainty.sum(axis=1)
+        mm2 = count * np.sum(certainty * square_mm2, axis=1) / np.maximum(whole, _TINY)
+        return SquaresOfPoses(mm2, whole / np.maximum(count, 1))
+
+    def beyond_noise_mm2(self, by_apparatus: Array, certainty: Array) -> float:
         """Return the mean squared error of the model at the poses fitted, less that of noise.
 
         Base and targets, which are no part of the model, are fitted; so is an apparatus, by which
         readings (P, b, a) depend on its stated coordinates.
+
+        Args:
+            certainty: (P, b) by how much each component counts.
         """
         not_own = self.columns[:, :, len(self.parameter_index) :]
         columns = np.concatenate([not_own, self.weight[:, :, None] * by_apparatus], axis=2)
@@ -404,14 +459,16 @@ class RowsAboutFit:
         flat = flat / np.maximum(np.linalg.norm(flat, axis=0), _TINY)
         fitted = flat @ np.linalg.lstsq(flat, self.residual.ravel(), rcond=None)[0]
         error_mm = self.to_mm * (self.residual - fitted.reshape(self.residual.shape))
-        off_mm2 = np.sum(error_mm**2, axis=1) - self.noise_mm2
-        return float(self.components_factor * np.average(off_mm2, weights=self.trust))
+        off_mm2 = self.components_factor * (error_mm**2 - self.noise_mm2)
+        return self._mean_mm2(off_mm2, certainty)
 
     def beyond_parameters_mm2(self, out: Index) -> Array:
-        """Return squared errors of held-out poses, less those by noise and parameters, (N,)."""
+        """Return squared errors of held-out poses, less those by noise and parameters.
+
+        They are those of components of the position error, (N, b).
+        """
         columns, data = self.columns[out], self.data[out]
         mean, variances = self.solved(self.every - Gaussian.of(columns, data), columns)
         error = data - columns @ mean
-        beyond = error**2 - self.of_parameters * variances
-        beyond = np.sum(self.to_mm[out] ** 2 * beyond, axis=1)
+        beyond = self.to_mm[out] ** 2 * (error**2 - self.of_parameters * variances)
         return np.asarray(self.components_factor * (beyond - self.noise_mm2[out]))
