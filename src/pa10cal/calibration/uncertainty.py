@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arm.chain import end_pose_with_screws
-from pa10cal.arrays import Array, Index
+from pa10cal.arrays import Array, Index, Mask
 from pa10cal.calibration.rules import GRADES
 from pa10cal.calibration.two_level_problem import TwoLevelRows
 from pa10cal.fit.fitted_model import FittedModel
@@ -21,6 +21,7 @@ from pa10cal.observe.observations import (
 )
 from pa10cal.observe.pose import Pose
 from pa10cal.results.calibration import CalibratedParameter, RepeatScatter
+from pa10cal.rules import READINGS
 from pa10cal.terms.model import Model
 from pa10cal.terms.term import Report
 
@@ -65,14 +66,45 @@ def scatter_of_repeats(readings: Observations, model: FittedModel) -> tuple[Repe
         seen = both[:, columns]
         if seen.any(axis=1).sum() < GRADES.scatter_pairs:
             continue
-        squares, variances = difference[:, columns][seen] ** 2, stated_variance[:, columns][seen]
-        stated = float(np.sqrt(0.5 * np.median(variances)))  # of a single reading
-        least = float(np.sqrt(0.5 * np.median(least_variance[:, columns][seen])))
-        found = float(np.sqrt(np.median(squares / variances) / GRADES.median_square)) * stated
+        by_component = (
+            difference[:, columns] ** 2,
+            stated_variance[:, columns],
+            least_variance[:, columns],
+        )
+        found, stated, least = _of_a_reading(*by_component, seen).tolist()
         # An error of a joint may be the same in all repeats, as by rounding, or differ in each.
         nearest = min(max(found, least), stated)
         scatter.append(RepeatScatter(kind=kind, found=found, stated=nearest, pairs=len(first)))
     return tuple(scatter)
+
+
+def _of_a_reading(square: Array, variance: Array, least: Array, seen: Mask) -> Array:
+    """Return found, stated and least stated scatter of a component of a single reading, (3,).
+
+    Where it differs along the axes, as of a camera in depth, a median over all components is that
+    of the better axes: it is then the root mean square over the axes.
+
+    Args:
+        square: (N, b) squared differences of two readings.
+        variance: (N, b) their stated variances; `least` without those of the joints.
+        seen: (N, b) which components both have.
+    """
+
+    def pooled(of: slice) -> Array:
+        shown = seen[:, of]
+        variances = variance[:, of][shown]
+        ratio = np.median(square[:, of][shown] / variances) / GRADES.median_square
+        stated, at_least = np.median(variances), np.median(least[:, of][shown])
+        return np.sqrt(0.5 * np.array([ratio * stated, stated, at_least]))
+
+    if seen.shape[1] % 3 == 0:  # x, y and z, of every target
+        by_axis = np.array([pooled(slice(axis, None, 3)) for axis in range(3)])
+        found_and_stated = by_axis[:, :2]
+        if (
+            found_and_stated.max(axis=0) > READINGS.axes_differ * found_and_stated.min(axis=0)
+        ).any():
+            return np.asarray(np.sqrt(np.mean(by_axis**2, axis=0)))
+    return pooled(slice(None))
 
 
 def _successive(readings: Observations) -> tuple[Index, Index]:
