@@ -5,8 +5,9 @@ where poses are predicted that were not fitted (Kennedy and O'Hagan, J. R. Stat.
 Here groups of poses are held out in turn, with the model linear about its fit: poses drawn at
 random, clusters of neighbours, and stretches of time. The squares of their errors, less those by
 noise and parameters, are estimated as a function of the distance to the nearest fitted pose.
-Readings beyond the tails of the others count less, the farther they are: a gross error is no
-property of the model.
+Components count by how certainly noise lets their squares be known, since those of the noisiest
+would hide all others. Readings beyond the tails of the others count less, the farther they are: a
+gross error is no property of the model.
 """
 
 from __future__ import annotations
