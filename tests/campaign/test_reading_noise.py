@@ -1,6 +1,7 @@
 """Noise of readings along the axes of their instrument, as they show it."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from made_up_poses import states_of
 from pa10cal.arm.chain import Chain
 from pa10cal.arrays import homogeneous
+from pa10cal.campaign.read import read_campaign
 from pa10cal.campaign.reading_noise import Uncertainty, Unstated, with_noise_shown
 from pa10cal.files.arms import load_arm
 from pa10cal.observe.observations import Observations
@@ -214,3 +216,10 @@ def test_a_camera_on_the_tool_shows_its_noise_along_its_own_axes():
     np.testing.assert_allclose(sizes, np.tile(CAMERA, (len(T), 1)), rtol=0.4)
     assert "of the target (rotation.inverse: pose)" in found.notes[0]
     assert replace(measured, cov=measured.cov).inverse
+
+
+def test_what_a_campaign_shows_is_told_once():
+    example = Path(__file__).parents[2] / "examples" / "ur10-pose"
+    notes = read_campaign(example).notes
+    assert [note.split()[0] for note in notes].count("orientations,") == 1
+    assert len(notes) == len(set(notes))

@@ -130,7 +130,7 @@ def read_tracked(
         *noise.notes,
     ]
     torques = notes_on_torques(readings.states, arm, gravity=any(description.gravity_m_s2))
-    notes += [*noise.notes, *torques, *_notes_on_temperatures(readings.states), *averaged.notes]
+    notes += [*torques, *_notes_on_temperatures(readings.states), *averaged.notes]
     warnings = [
         *raw.warnings,
         *screens.count_warnings(description.configurations, logged_count, raw.file),
