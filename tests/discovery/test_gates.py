@@ -104,7 +104,7 @@ def test_a_size_that_is_not_plausible_is_no_name(wave):
     ],  # a tripod, no mount, a short time
 )
 def test_a_mount_limits_the_rate_of_a_drift_and_not_its_plausible_size(rate_z_m_h, short, refused):
-    drift = BaseDrift.over(np.array([0.0, 360.0 if short else 36000.0]))
+    drift = BaseDrift.over(np.array([0.0, 360.0 if short else 36000.0]), 10.0)
     x, covariance = np.array([1e-5, 2e-4, rate_z_m_h]), 1e-6**2 * np.eye(3)
     finding = SimpleNamespace(effect=drift, x=x, covariance=covariance, alternatives=())
     model = SimpleNamespace(

@@ -122,8 +122,9 @@ def drifting(along_m):
 
 
 @pytest.mark.slow
-def test_a_base_that_drifts_steadily_and_fast_is_named_and_does_not_wander():
-    along_m = 5.0 * POSITION_M * np.array([1.0, -0.6, 0.4])
+@pytest.mark.parametrize("over_noise", [5.0, 40.0])  # 0.24 and 1.9 mm/h
+def test_a_base_that_drifts_steadily_and_fast_is_named_and_does_not_wander(over_noise):
+    along_m = over_noise * POSITION_M * np.array([1.0, -0.6, 0.4])
     found = drifting(along_m)
     (finding,) = found.effects
     assert (finding.id, finding.effect.waves) == ("base_drift", 0)

@@ -21,7 +21,7 @@ from pa10cal.discovery.blocked_cv.refit import Refit
 from pa10cal.discovery.blocked_cv.survey import Survey, interleaved_blocks
 from pa10cal.discovery.position_errors import position_error_mm
 from pa10cal.discovery.preparation import computable, sought
-from pa10cal.discovery.rules import BLOCKS, PROBABILITIES
+from pa10cal.discovery.rules import BLOCKS, EVIDENCE, PROBABILITIES
 from pa10cal.numerics.gaussian import Gaussian, cv_residual
 from pa10cal.observe.time_order import like_a_scan
 from pa10cal.results.record import EffectName
@@ -169,14 +169,20 @@ def steady_courses(
         return ()
     without, with_drift = check.squares(), check.squares([_drift_with_waves(survey)])
     growth = [each for each in _rivals_in_time(survey, found) if each.varies_with == "temperature"]
-    steady = (BaseDrift.over(survey.poses.states.time_s), *growth)
-    squares = {each: check.squares([each]) for each in steady}
-    best_first = sorted(squares, key=lambda each: float(squares[each].total.sum()))
+    time_s = survey.poses.states.time_s
+    # A drift may be far larger than waves are expected to be.
+    drifts = [BaseDrift.over(time_s, size) for size in EVIDENCE.sizes[EVIDENCE.usual_size :]]
+    squares = {each: check.squares([each]) for each in (*drifts, *growth)}
+
+    def left(effect: Effect) -> float:
+        return float(squares[effect].total.sum())
+
+    best_first = sorted((min(drifts, key=left), *growth), key=left)
     most = float(with_drift.total.sum())
     return tuple(
         each
         for each in best_first
-        if squares[each].total.sum() <= most and check.gains_a_share(without, squares[each])
+        if left(each) <= most and check.gains_a_share(without, squares[each])
     )
 
 

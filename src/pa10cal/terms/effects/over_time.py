@@ -23,8 +23,6 @@ _RATE_M_H = 3e-5
 #: Largest rate of a steady drift [m/h]: a floor or a column of steel moves by hundredths of a
 #: millimetre in an hour, a tripod that settles or a camera that warms up by up to some millimetres.
 _MOST_M_H = 3e-3
-#: And in expected rates, which are larger in a short campaign.
-_MOST_RATES = 10.0
 #: Expected amplitude of the slowest wave of a drifting base [m]; that of wave k is 1/k of it, as of
 #: a random walk.
 _WAVE_M = 1e-4
@@ -65,10 +63,13 @@ class BaseDrift(Effect):
         return (context.time_span_s[0],)
 
     @classmethod
-    def over(cls, time_s: Array) -> Self:
-        """Return a steady drift over times that is expected to be as large as one with waves."""
+    def over(cls, time_s: Array, times: float = 1.0) -> Self:
+        """Return a steady drift over times that is expected to be as large as one with waves.
+
+        Or so many times as large.
+        """
         start_s, hours = float(time_s.min()), float(np.ptp(time_s)) / _SECONDS_AN_HOUR
-        rate_m_h = _WAVE_M / hours
+        rate_m_h = times * _WAVE_M / hours
         return cls("base", start_s, plausible_m_h=rate_m_h if rate_m_h > _RATE_M_H else None)
 
     @property
@@ -86,7 +87,7 @@ class BaseDrift(Effect):
         """Return its limits: of a steady drift the rate that a mount of the instrument may have."""
         if self.waves:
             return super().limits_at(reach_m)
-        most_m_h = max(_MOST_M_H, _MOST_RATES * (self.plausible_m_h or _RATE_M_H))
+        most_m_h = max(_MOST_M_H, self.plausible_m_h or _RATE_M_H)
         why = f"no mount of an arm or instrument moves by {1e3 * most_m_h:.2g} mm in an hour"
         return Limits(values=(-most_m_h, most_m_h), why=why)
 
