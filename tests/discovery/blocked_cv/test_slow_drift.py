@@ -171,6 +171,14 @@ def test_a_steady_drift_stands_for_a_slow_one_where_it_predicts_no_worse(
     assert [each.id for each in again] == [name for name in names if name == "base_drift"]
 
 
+def test_a_steady_drift_that_was_found_need_not_help_again(nothing_hidden):
+    survey = nothing_hidden.discovery.scorer.survey
+    drift = BaseDrift("base", float(survey.poses.states.time_s.min()))
+    assert [each.id for each in steady_courses(survey, SquaresOf({}), (drift,))] == ["base_drift"]
+    worse = SquaresOf({("base_drift", True): 1.0})  # with waves it is better
+    assert steady_courses(survey, worse, (drift,)) == ()
+
+
 @pytest.mark.parametrize(("hours", "plausible_m_h"), [(0.1, 1e-3), (10.0, 3e-5)])
 def test_a_steady_drift_of_a_short_campaign_may_be_as_large_as_a_slow_one(hours, plausible_m_h):
     drift = BaseDrift.over(np.array([5.0, 5.0 + 3600.0 * hours]))

@@ -160,9 +160,9 @@ def steady_courses(
 ) -> tuple[Effect, ...]:
     """Return effects in proportion to time or temperature that predict no worse than a slow drift.
 
-    The best first, each helping beyond the drift that was found; none where growth or warming up
-    was. A stretch of time that is left out may be the one in which the temperature rose: poses
-    outside it do not tell how much the arm grew.
+    The best first, each helping beyond the effects found; none where growth or warming up was. A
+    steady drift that was found need not help again. A stretch of time that is left out may be the
+    one in which the temperature rose: poses outside it do not tell how much the arm grew.
     """
     of_time = [each for each in found if each.depends_on and each.id != BaseDrift.id]
     if not _may_show_drift(survey) or of_time:
@@ -177,12 +177,14 @@ def steady_courses(
     def left(effect: Effect) -> float:
         return float(squares[effect].total.sum())
 
-    best_first = sorted((min(drifts, key=left), *growth), key=left)
+    drift = min(drifts, key=left)
+    was_found = any(each.id == BaseDrift.id for each in found)
     most = float(with_drift.total.sum())
     return tuple(
         each
-        for each in best_first
-        if left(each) <= most and check.gains_a_share(without, squares[each])
+        for each in sorted((drift, *growth), key=left)
+        if left(each) <= most
+        and ((was_found and each is drift) or check.gains_a_share(without, squares[each]))
     )
 
 
