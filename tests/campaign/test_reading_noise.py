@@ -1,6 +1,5 @@
 """Noise of readings along the axes of their instrument, as they show it."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -119,7 +118,7 @@ def test_what_is_far_beyond_the_statement_may_be_the_arms_and_is_told_alone():
     np.testing.assert_allclose(sizes_of(found.readings.measured)[:3], 2e-4)
     (note,) = found.notes
     assert "more than stated" in note
-    assert "u_z_mm" in note
+    assert "of x, y and z of every target" in note
 
 
 def test_orientations_of_unstated_uncertainty_are_as_good_as_they_scatter():
@@ -215,7 +214,33 @@ def test_a_camera_on_the_tool_shows_its_noise_along_its_own_axes():
     sizes = np.sqrt(np.diagonal(along, axis1=1, axis2=2))
     np.testing.assert_allclose(sizes, np.tile(CAMERA, (len(T), 1)), rtol=0.4)
     assert "of the target (rotation.inverse: pose)" in found.notes[0]
-    assert replace(measured, cov=measured.cov).inverse
+    assert measured.inverse
+
+
+def test_the_axes_of_a_camera_stay_its_own_when_poses_are_turned():
+    measured = poses(truth(), 1e-3, inverse=True)
+    measured = measured.with_noise_along_axes(CAMERA[None, :3], CAMERA[3:])
+    turned = measured.turned(Rotation.from_rotvec([0.3, -0.5, 0.2]).as_matrix())
+    to_axes = turned.along_noise_axes()
+    along = to_axes @ turned.cov @ to_axes.swapaxes(1, 2)
+    np.testing.assert_allclose(along, np.tile(np.diag(CAMERA**2), (len(along), 1, 1)), atol=1e-12)
+
+
+@pytest.mark.parametrize("inverse", [False, True])
+def test_what_repeats_share_their_mean_has_too(inverse):
+    stated = StatedByCampaign(1e-4, {}, inverse_poses=inverse)
+    measured = poses(truth()[[0, 0, 0, 0]], 1e-4, inverse=inverse)
+    shared = np.tile(np.diag([1e-8] * 6), (4, 1, 1))
+    uncertain = measured.with_end_uncertain(shared, measured.places_m)
+    of_joints = uncertain.cov[0] - measured.cov[0]
+    (mean,) = uncertain.averaged(np.zeros(4, dtype=int)).cov
+    np.testing.assert_allclose(mean, measured.cov[0] / 4.0 + of_joints, rtol=1e-9, atol=1e-20)
+    at_rest = uncertain.averaged_at_rest(np.zeros(4, dtype=int))
+    np.testing.assert_allclose(at_rest.cov[0], uncertain.cov[0], rtol=1e-9, atol=1e-20)
+    again = Pose.from_columns(uncertain.to_columns(), stated)
+    np.testing.assert_allclose(again.cov, uncertain.cov, rtol=1e-9, atol=1e-20)
+    np.testing.assert_allclose(again.motion_cov, shared, rtol=1e-9)
+    assert again.inverse == inverse
 
 
 def test_what_a_campaign_shows_is_told_once():

@@ -128,7 +128,7 @@ def with_noise_shown(
         shown_rad = turns_rad if _differ(turns_rad) else np.full(3, _rms(turns_rad))
         if (shown_rad < u.turn_rad / READINGS.as_stated).any():
             u_turn_rad = np.minimum(shown_rad, u.turn_rad)
-            notes.append(_of_turns(u_turn_rad))
+            notes.append(_of_turns(shown_rad, u.turn_rad))
     if u_place_m is None and u_turn_rad is None:
         return NoiseShown(readings, notes)
     measured = readings.measured.with_noise_along_axes(u_place_m, u_turn_rad)
@@ -149,7 +149,7 @@ def _of_places(scatter: _Scatter, *, as_stated: bool, inverse: bool) -> str:
     x, y, z = (f"{1e3 * size:.2g}" for size in scatter.sizes[:3])
     frame = "target (rotation.inverse: pose)" if inverse else "instrument"
     shown = f"positions scatter by {x}, {y} and {z} mm along x, y and z of the {frame}, "
-    columns = "state u_x_mm, u_y_mm and u_z_mm of the rows"
+    columns = "state the uncertainties u of x, y and z of every target"
     shown += ("", "growing with the distance, ", "growing with its square, ")[scatter.power]
     shown += "about an arm fitted to them"
     if as_stated:
@@ -160,10 +160,12 @@ def _of_places(scatter: _Scatter, *, as_stated: bool, inverse: bool) -> str:
     )
 
 
-def _of_turns(sizes_rad: Array) -> str:
+def _of_turns(sizes_rad: Array, assumed_rad: float) -> str:
     """Return what the readings show of orientations, in words."""
     x, y, z = (f"{1e3 * size:.2g}" for size in sizes_rad)
     each = f"{x} mrad" if x == y == z else f"{x}, {y} and {z} mrad about x, y and z"
+    if sizes_rad.max() > assumed_rad:
+        each += f", at most the {1e3 * assumed_rad:.2g} mrad that are assumed"
     return f"orientations, of unstated uncertainty, count as uncertain as they scatter, {each}"
 
 
@@ -180,7 +182,7 @@ def _scatter_of(
     axis, seen = measured.noise_axes, measured.components_seen
     to_axes = measured.along_noise_axes()
     back = to_axes.swapaxes(1, 2)
-    least = _LEAST_PART * np.repeat(u, 3)[: axis.max() + 1]
+    least = _LEAST_PART * np.repeat([u.place_m, u.turn_rad], 3)[: axis.max() + 1]
     fit, at = ArmFit.begun(poses, chain, payload)
     scatter: _Scatter | None = None
     for _ in range(_MOST_ROUNDS):
@@ -189,7 +191,8 @@ def _scatter_of(
         at, left = fit.fitted(at)
         if left.is_of_a_wrong_log:
             return None
-        # the part of what is left that is the instrument's, expected, and its variance
+        # Of what is left, r ~ N(0, own + by_joints), the instrument's e ~ N(0, own) is expected to
+        # be own (own + by_joints)^-1 r, with covariance own - own (own + by_joints)^-1 own.
         part = to_axes @ own @ np.linalg.inv(own + by_joints)
         errors = part @ np.concatenate([left.residual[:, :, None], left.taken], axis=2)
         spread = (to_axes @ own - part @ own) @ back

@@ -40,14 +40,15 @@ from pa10cal.observe.quantities import (
     carried_targets,
     columns_of_covariance,
     columns_of_places,
+    columns_of_shared,
     covariance_of,
     places_of,
+    shared_covariance_of,
 )
 from pa10cal.rules import READINGS, SCATTER
 from pa10cal.terms.term import TermParameter
 
-#: Columns of the table of poses: a shared covariance; a target's position and covariance.
-_SHARED = "shared_cov_{}{}"
+#: Columns of the table of poses: a target's position and covariance.
 _PLACE = re.compile(r"ball(\w+)_x_mm")
 _OF_PLACE = "ball{}_c{{}}{{}}_mm2"
 #: Factors of the components of a position from mm to m (unit).
@@ -245,7 +246,7 @@ class Points(Instrument):
             places_of(columns, [f"ball{name}" for name in names]),
             np.stack(cov_m2, axis=1),
             stated.places_m(names),
-            covariance_of(columns, _SHARED) if _SHARED.format(0, 0) in columns else None,
+            shared_covariance_of(columns),
         )
 
     def to_columns(self) -> dict[str, NDArray[Any]]:
@@ -256,8 +257,7 @@ class Points(Instrument):
                 self.cov_m2[:, b], _OF_PLACE.format(name), AXES, _SCALE
             )
             columns[f"ball{name}_touches"] = np.zeros(len(self), dtype=np.int64)
-        shared = {} if self.motion_cov is None else columns_of_covariance(self.motion_cov, _SHARED)
-        return columns | shared
+        return columns | columns_of_shared(self.motion_cov)
 
     @classmethod
     def raw_columns(cls, header: Sequence[str]) -> RawColumns:

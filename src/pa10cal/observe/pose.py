@@ -45,8 +45,12 @@ class Pose(Instrument):
     # coordinates of targets on an apparatus [m], whose errors are the same in every pose; a = 0
     # where the instrument measures the pose itself
     by_apparatus: Array
-    # whether the instrument's poses in the target's frame were measured, as by a camera on the tool
-    inverse: bool = field(default=False, kw_only=True)
+    # (P, 6, 6) covariance of a shift [m] and a turn [rad] about the instrument's origin, as of
+    # `Points`, which `cov` contains: repeats have that error in common; None for none
+    motion_cov: Array | None = field(default=None, kw_only=True)
+    # (3, 3) axes of the target along which it was measured, in those of `T_instr_target`, where the
+    # instrument's poses in the target's frame were, as by a camera on the tool; None: they were not
+    inverse_axes: Array | None = field(default=None, kw_only=True)
 
     kind: ClassVar[str] = "pose"
     locates_by: ClassVar[LocatingMethod] = "hand_eye_poses"
@@ -64,7 +68,7 @@ class Pose(Instrument):
     sees_base: ClassVar[bool] = True
     uses_lines: ClassVar[bool] = True
     least_rows: ClassVar[int] = READINGS.pose_rows
-    _of_all: ClassVar[tuple[str, ...]] = ("inverse",)
+    _of_all: ClassVar[tuple[str, ...]] = ("inverse_axes",)
 
     @classmethod
     def of(cls, T_instr_target: Array, cov: Array) -> Pose:
@@ -77,7 +81,9 @@ class Pose(Instrument):
         return replace(
             self.take(np.unique(code, return_index=True)[1]),
             T_instr_target=T,
-            cov=group_means(self.cov, code) / np.bincount(code)[:, None, None],
+            cov=group_means(self.cov - self._in_common, code) / np.bincount(code)[:, None, None]
+            + group_means(self._in_common, code),
+            motion_cov=None if self.motion_cov is None else group_means(self.motion_cov, code),
             by_apparatus=group_means(self.by_apparatus, code),
         )
 
@@ -85,12 +91,31 @@ class Pose(Instrument):
     def noise_axes(self) -> Index:
         return np.arange(6)
 
+    @property
+    def inverse(self) -> bool:
+        return self.inverse_axes is not None
+
+    @property
+    def _in_common(self) -> Array:
+        """Return the part of the covariance that repeats have in common, (P, 6, 6)."""
+        if self.motion_cov is None:
+            return np.zeros_like(self.cov)
+        along = self._by_motion
+        return np.asarray(along @ self.motion_cov @ along.swapaxes(1, 2))
+
+    @property
+    def _by_motion(self) -> Array:
+        """Return the derivative (P, 6, 6) by a shift and a turn about the instrument's origin."""
+        by_motion = np.tile(np.eye(6), (len(self), 1, 1))
+        by_motion[:, :3, 3:] = -point_fits.cross_matrix(self.T_instr_target[:, :3, 3])
+        return by_motion
+
     def along_noise_axes(self) -> Array:
-        if not self.inverse:
+        if self.inverse_axes is None:
             return np.tile(np.eye(6), (len(self), 1, 1))
         # The inverse (R', p') of a pose (R, p) is (R^T, -R^T p): an error d of p' and a small left
         # rotation w of R' shift p by -R d + p x (R w) and turn R by -R w.
-        R, p_m = self.T_instr_target[:, :3, :3], self.T_instr_target[:, :3, 3]
+        R, p_m = self.T_instr_target[:, :3, :3] @ self.inverse_axes, self.T_instr_target[:, :3, 3]
         by_inverse = np.zeros((len(self), 6, 6))
         by_inverse[:, :3, :3] = by_inverse[:, 3:, 3:] = -R
         by_inverse[:, :3, 3:] = point_fits.cross_matrix(p_m) @ R
@@ -98,17 +123,18 @@ class Pose(Instrument):
 
     def with_noise_along_axes(self, u_place_m: Array | None, u_turn_rad: Array | None) -> Self:
         to_axes = self.along_noise_axes()
-        cov = to_axes @ self.cov @ to_axes.swapaxes(1, 2)
+        cov = to_axes @ (self.cov - self._in_common) @ to_axes.swapaxes(1, 2)
         for u, part in ((u_place_m, slice(0, 3)), (u_turn_rad, slice(3, 6))):
             if u is not None:
                 cov[:, part] = cov[:, :, part] = 0.0
                 cov[:, part, part] = np.eye(3) * (u**2)[..., None, :]
         back = np.linalg.inv(to_axes)
-        return replace(self, cov=back @ cov @ back.swapaxes(1, 2))
+        return replace(self, cov=back @ cov @ back.swapaxes(1, 2) + self._in_common)
 
     def less_certain(self, times: Array) -> Self:
         # The six components of a pose are measured together, and so have the same factor.
-        return replace(self, cov=self.cov * times[:, :1, None])
+        own = (self.cov - self._in_common) * times[:, :1, None]
+        return replace(self, cov=own + self._in_common)
 
     def steadied(self, base: BaseTargets) -> Self:
         # Motions of the base are small: the covariance is not turned by them.
@@ -117,10 +143,9 @@ class Pose(Instrument):
         return still.with_end_uncertain(base.cov_at_origin, still.places_m)
 
     def with_end_uncertain(self, motion_cov: Array, places_m: Array) -> Self:
-        by_motion = np.tile(np.eye(6), (len(self), 1, 1))
-        by_motion[:, :3, 3:] = -point_fits.cross_matrix(self.T_instr_target[:, :3, 3])
-        noise = by_motion @ motion_cov @ by_motion.swapaxes(1, 2)
-        return replace(self, cov=self.cov + noise)
+        noise = self._by_motion @ motion_cov @ self._by_motion.swapaxes(1, 2)
+        before = 0.0 if self.motion_cov is None else self.motion_cov
+        return replace(self, cov=self.cov + noise, motion_cov=before + motion_cov)
 
     def ideal(self, T_instr_ee: Array, targets_m: Array) -> Pose:
         return Pose.of(T_instr_ee, np.broadcast_to(np.eye(6), (len(T_instr_ee), 6, 6)))
@@ -215,17 +240,21 @@ class Pose(Instrument):
 
     def in_frame(self, T: Array) -> Self:
         both = block_diag(T[:3, :3], T[:3, :3])
+        along = both.copy()
+        along[:3, 3:] = point_fits.cross_matrix(T[:3, 3]) @ T[:3, :3]
         return replace(
             self,
             T_instr_target=T @ self.T_instr_target,
             cov=both @ self.cov @ both.T,
             by_apparatus=both @ self.by_apparatus,
+            motion_cov=None if self.motion_cov is None else along @ self.motion_cov @ along.T,
         )
 
     def turned(self, R_ee_target: Array) -> Self:
         T = self.T_instr_target.copy()
         T[:, :3, :3] = T[:, :3, :3] @ R_ee_target.T
-        return replace(self, T_instr_target=T)
+        axes = None if self.inverse_axes is None else R_ee_target @ self.inverse_axes
+        return replace(self, T_instr_target=T, inverse_axes=axes)
 
     @property
     def attitudes(self) -> Array:
@@ -263,7 +292,10 @@ class Pose(Instrument):
         cls, columns: Mapping[str, Array], stated: quantities.StatedByCampaign
     ) -> Self:
         T, cov = pose_of_columns(columns)
-        return cls(T, cov, np.zeros((len(T), 6, 0)), inverse=stated.inverse_poses)
+        motion_cov = quantities.shared_covariance_of(columns)
+        axes = np.eye(3) if stated.inverse_poses else None
+        nothing = np.zeros((len(T), 6, 0))
+        return cls(T, cov, nothing, motion_cov=motion_cov, inverse_axes=axes)
 
     def to_columns(self) -> dict[str, NDArray[Any]]:
         quaternion = Rotation.from_matrix(self.T_instr_target[:, :3, :3]).as_quat(
@@ -271,7 +303,8 @@ class Pose(Instrument):
         )
         columns = dict(zip(_PLACE, self.T_instr_target[:, :3, 3].T / quantities.MM, strict=True))
         columns |= dict(zip(_QUATERNION, quaternion.T, strict=True))
-        return columns | quantities.columns_of_covariance(self.cov, _COVARIANCE)
+        columns |= quantities.columns_of_covariance(self.cov, _COVARIANCE)
+        return columns | quantities.columns_of_shared(self.motion_cov)
 
     @classmethod
     def raw_columns(cls, header: Sequence[str]) -> quantities.RawColumns:
@@ -303,7 +336,7 @@ class Pose(Instrument):
         if not stated.inverse_poses:
             return found
         # Uncertainties of positions are those of the inverse, along the target's axes.
-        found = replace(found, inverse=True)
+        found = replace(found, inverse_axes=np.eye(3))
         back = np.linalg.inv(found.along_noise_axes())
         cov[:, 3:, 3:] = R.swapaxes(1, 2) @ cov[:, 3:, 3:] @ R
         return replace(found, cov=back @ cov @ back.swapaxes(1, 2))

@@ -226,6 +226,10 @@ def places_of(columns: Mapping[str, NDArray[Any]], names: Iterable[str]) -> Arra
     return MM * np.ascontiguousarray(np.moveaxis(np.array(by_name), 2, 0))
 
 
+#: Columns of the covariance that all targets and repeats of a pose share.
+_SHARED = "shared_cov_{}{}"
+
+
 def columns_of_covariance(
     cov: Array, template: str, labels: str = "012345", scale: Array = MM_RAD_TO_SI
 ) -> dict[str, NDArray[Any]]:
@@ -254,3 +258,13 @@ def covariance_of(
         for i in every
     ]
     return np.ascontiguousarray(np.moveaxis(np.array(elements), 2, 0)) * np.outer(scale, scale)
+
+
+def columns_of_shared(motion_cov: Array | None) -> dict[str, NDArray[Any]]:
+    """Return a covariance (P, 6, 6) that all targets and repeats share as columns; {} of none."""
+    return {} if motion_cov is None else columns_of_covariance(motion_cov, _SHARED)
+
+
+def shared_covariance_of(columns: Mapping[str, NDArray[Any]]) -> Array | None:
+    """Return the covariance in columns as of `columns_of_shared`; None without them."""
+    return covariance_of(columns, _SHARED) if _SHARED.format(0, 0) in columns else None
