@@ -38,7 +38,7 @@ from pa10cal.rules import READINGS
 _LEAST_POSES = 30
 #: Rounds of fit and variances, at most, and the relative change of every standard deviation after
 #: which there is no further one (computing).
-_MOST_ROUNDS, _SAME_SCATTER = 30, 0.02
+_MOST_ROUNDS, _SAME_SCATTER = 60, 0.005
 #: Powers of the distance that positions may scatter by: of an angle, and of triangulation in depth
 #: (physics); and the gain in log likelihood that one needs [nat] (level).
 _POWERS, _GAIN = (1, 2), 6.0
