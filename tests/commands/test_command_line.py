@@ -37,6 +37,7 @@ REFUSAL = RawDataError(
     allowed="a decimal point",
     remedy="export with points",
 )
+JOIN = "join --name x --campaign-dir mine --base-frame b"
 
 
 def failing(error):
@@ -222,13 +223,61 @@ def test_a_name_is_no_file(tmp_path, monkeypatch, argv, code):
     assert run_command(name, words, command) == code
 
 
+@pytest.mark.parametrize(
+    ("argv", "of"),
+    [
+        ("curve --points points.csv --out-dir . --settings link.yaml", "points"),
+        ("curve --points measured.csv --out-dir . --settings link.yaml", ""),
+        (f"{JOIN} --poses poses.parquet --out-dir mine", "campaign dir"),
+        (f"{JOIN} --poses poses.parquet --out-dir .", "poses"),
+        (f"{JOIN} --poses poses.parquet --out-dir arms", "campaign dir"),
+        (f"{JOIN} --poses poses.parquet --out-dir new", ""),
+        ("measured --campaign-dir mine --results r --out mine", "campaign dir"),
+        ("calibrate --campaign-dir mine --poses p --base-frame 44N.json --out .", "base frame"),
+        ("compare m.yml r --out m.covariance.npz", "first"),
+    ],
+)
+def test_no_input_is_replaced_in_a_folder_or_beside(tmp_path, monkeypatch, capsys, argv, of):
+    monkeypatch.chdir(tmp_path)
+    for folder in ("mine", "arms"):
+        Path(folder).mkdir()
+    for name in ("poses.parquet", "mine/measured.csv", "arms/own.yaml", "44N.json", "m.yml"):
+        Path(name).touch()
+    for name in ("points.csv", "measured.csv", "m.covariance.npz"):
+        Path(name).touch()
+    Path("mine/campaign.yaml").write_text("robot: own\nfiles: {poses: measured.csv}\n")
+    Path("link.yaml").write_text("link_m: 0.1\n")
+    name, *words = argv.split()
+    called = []
+
+    @functools.wraps(command_named(name))
+    def command(**given):
+        called.append(given)
+
+    assert run_command(name, words, command) == (REFUSED if of else 0)
+    assert bool(called) == (not of)
+    if of:
+        assert f"would replace the file of {of}" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("name", COMMANDS)
 def test_every_file_that_a_command_writes_is_known_to_be_written(name):
     _, meanings, _ = arguments._parts_of(inspect.getdoc(command_named(name)))
-    outputs = {each for each, meaning in meanings.items() if re.search(r"\bto write\b", meaning)}
     hints = get_type_hints(command_named(name))
-    files = {each for each in outputs if Path in (hints[each], *get_args(hints[each]))}
-    assert files <= set(arguments._OUTPUTS.get(name, ("out",)))
+
+    def described_as(words):
+        return {
+            each
+            for each, meaning in meanings.items()
+            if re.search(words, meaning) and Path in (hints[each], *get_args(hints[each]))
+        }
+
+    assert described_as(r"\bto write\b") <= set(arguments._OUTPUTS.get(name, ("out",)))
+    # These write folders of their own names, or ask themselves whether something is there.
+    if name not in ("run", "fleet", "draw_trials", "fetch", "figures", "drift"):
+        folders = described_as(r"\bfolder for\b|\bgets\b")
+        assert folders <= set(arguments._OUTPUTS.get(name, ("out",)))
+        assert not folders or name in arguments._IN_FOLDER
 
 
 def test_fault_is_told_from_a_refusal(capsys):
@@ -458,11 +507,22 @@ def ended(words, **environment):
     )
 
 
-def test_an_option_that_was_mistyped_is_named(capsys):
+@pytest.mark.parametrize(
+    ("argv", "hint"),
+    [
+        ("effects --robt ur10", "unrecognized arguments: --robt ur10; did you mean '--robot'?"),
+        (
+            "predict --modle m --joints j.csv --out o.csv",
+            "arguments are required: --model; --modle is unknown: did you mean '--model'?",
+        ),
+        ("effects --robo=ur10", "; did you mean '--robot'?"),  # no abbreviations
+    ],
+)
+def test_an_option_that_was_mistyped_is_named(capsys, argv, hint):
     with pytest.raises(SystemExit) as caught:
-        main(["effects", "--robt", "ur10"])
+        main(argv.split())
     assert caught.value.code == REFUSED
-    assert "did you mean '--robot'?" in capsys.readouterr().err
+    assert hint in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("words", [[], ["calibrat"], ["--colour"]])

@@ -574,3 +574,11 @@ def test_a_study_shows_its_tables_and_none_without_rows(copied, page):
     (study / "tables/full.csv").write_text("kind,trials\nfault\n")
     out = str(copied / "other.html")
     assert run_command("report", [str(copied.parent), "--out", out]) == REFUSED
+
+
+def test_a_report_replaces_no_result(copied, capsys):
+    result = copied / "calibration/combined.json"
+    before = result.read_bytes()
+    assert run_command("report", [str(copied), "--out", str(result)]) == REFUSED
+    assert result.read_bytes() == before
+    assert "give " + str(result.with_suffix(".html")) in capsys.readouterr().err

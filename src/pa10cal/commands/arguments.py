@@ -20,8 +20,10 @@ from typing import Any, Literal, NoReturn, Union, get_args, get_origin
 from pa10cal.errors import OutputError, remedy_for
 from pa10cal.input_files import is_file
 
-#: Parameters of files that a command writes; of all other commands `out`.
+#: Parameters of what a command writes, files or folders of them; of all other commands `out`.
 _OUTPUTS = {
+    "curve": ("out_dir",),
+    "join": ("out_dir",),
     "ingest": ("out", "quarantine"),
     "discover": ("verdict", "analysis", "extended", "suggested"),
     "evaluate": ("out", "iso9283"),
@@ -31,8 +33,17 @@ _OUTPUTS = {
     "blind_trials": ("verdicts", "truths"),
     "score_trials": ("scores", "trials"),
 }
-#: Endings of files that a command writes beside `out`, under the same name, and that
-#: `refuse_to_replace` has to look after, as the command does not.
+#: Files, as patterns of names, that a command writes into a folder that is one of its outputs.
+_IN_FOLDER = {
+    "calibrate": ("*N.json", "combined.json", "general.json"),
+    "curve": ("curve.json", "angles.csv", "points.csv", "links.csv", "shape.csv"),
+    "fleet_summary": ("fleet.*",),
+    "join": ("poses.parquet", "quarantine.csv", "*.yaml", "*.urdf"),  # with the arm's description
+    "measured": ("measured.csv", "measured.json"),
+    "montecarlo": ("z*.json",),
+}
+#: Endings of files that a command writes beside `out`, under the same name, without asking whether
+#: they are there.
 _BESIDE = {"plan": (".json",)}
 
 #: Defaults of parameters that say nothing to a reader of the help.
@@ -68,16 +79,29 @@ class _Parser(argparse.ArgumentParser):
     """A parser that names the option that was probably meant, and reads -1e3 as a number."""
 
     def __init__(self, **options: Any) -> None:
-        super().__init__(**options)
+        super().__init__(**options, allow_abbrev=False)
+        self._words: list[str] = []
         # Before Python 3.14 argparse takes a negative number with an exponent for an option.
         self._negative_number_matcher = re.compile(r"-(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?$")
 
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        self._words = list(args or [])
+        return super().parse_known_args(args, namespace)
+
     def error(self, message: str) -> NoReturn:
-        """Refuse wrong use, with the nearest option where one is unknown."""
-        word = re.match(r"unrecognized arguments: (--[\w-]+)", message)
+        """Refuse wrong use, with the nearest option where one is unknown.
+
+        The unknown one may be the cause where argparse only says that another is required.
+        """
         options = [option for action in self._actions for option in action.option_strings]
-        remedy = remedy_for(word[1], options, "") if word else ""
-        super().error(f"{message}; {remedy}" if remedy else message)
+        words = [word.partition("=")[0] for word in self._words]
+        for word in words:
+            remedy = remedy_for(word, options, "") if word.startswith("--") else ""
+            if remedy and word not in options:
+                named = "" if word in message else f"{word} is unknown: "
+                message = f"{message}; {named}{remedy}"
+                break
+        super().error(message)
 
 
 def _parts_of(docstring: str) -> tuple[str, dict[str, str], str]:
@@ -123,7 +147,7 @@ def _add_argument(
 
 
 def value_of(hint: Any, value: Any, name: str) -> Any:
-    """Return the value of a parameter: text of a section is parsed, and a list becomes a tuple.
+    """Return the value of a parameter: text of settings is parsed, and a list becomes a tuple.
 
     Args:
         hint: type of the parameter.
@@ -165,7 +189,9 @@ def refuse_to_replace(command: str, given: Mapping[str, Any], types: Mapping[str
         OutputError: naming the option.
     """
     of_outputs = _OUTPUTS.get(command, ("out",))
-    outputs = [(option, path) for option in of_outputs for path in _written(command, option, given)]
+    outputs = []
+    for option in of_outputs:
+        outputs += [(option, path) for path in _replaced(command, option, given.get(option))]
     if not outputs:
         return
     for name, value in given.items():
@@ -174,29 +200,31 @@ def refuse_to_replace(command: str, given: Mapping[str, Any], types: Mapping[str
             if any(map(output.samefile, inputs)):
                 raise OutputError(
                     f"the output would replace the file of {name.replace('_', ' ')}",
-                    where=f"--{option}",
+                    where="--" + option.replace("_", "-"),
                     value=str(output),
                     allowed="a path of its own",
                     remedy="give another one",
                 )
 
 
-def _written(command: str, option: str, given: Mapping[str, Any]) -> list[Path]:
-    """Return the files that exist where an option will write: its own, and those beside."""
-    output = given.get(option)
+def _replaced(command: str, option: str, output: object) -> list[Path]:
+    """Return the files that exist where a command will write: its output, in it, and beside it."""
     if not isinstance(output, Path):
         return []
-    paths = [output]
-    if option == "out" and output.name:
-        paths += [output.with_suffix(ending) for ending in _BESIDE.get(command, ())]
+    if _is_folder(output):
+        paths = [path for names in _IN_FOLDER.get(command, ()) for path in output.glob(names)]
+    else:
+        paths = [output]
+        if option == "out" and output.name:
+            paths += [output.with_suffix(ending) for ending in _BESIDE.get(command, ())]
     return [path for path in paths if is_file(path)]
 
 
 def _paths_in(value: Any, hint: Any) -> list[Path]:
     """Return the paths in the value of a parameter.
 
-    Text may be one: where a section of the settings is expected, or where it has an ending or a
-    folder, as `arm.yaml` where an arm may have a name. A name alone is none.
+    Text may be a path: where a section of the settings is expected, or where it has an ending or a
+    folder, as `arm.yaml` where an arm may have a name. A name alone is no path.
     """
     several = value if isinstance(value, list | tuple) else (value,)
     section = _is_section(_without_none(hint))
@@ -213,15 +241,17 @@ def _read_by(paths: list[Path]) -> list[Path]:
     """Return the files that are read where paths are given.
 
     They are the paths themselves, the files of models, which a folder of results may stand for, and
-    those of a campaign, which its folder stands for.
+    those of a campaign, which its folder stands for; of other results, which lie in a folder
+    together with outputs, none.
     """
     from pa10cal.fit.covariance_file import covariance_path  # late: with numpy
     from pa10cal.fit.model_reading import model_file
     from pa10cal.planning.campaign import arm_files, raw_files
 
     folders = [path for path in paths if _is_folder(path)]
-    models = [model_file(path) for path in paths if path in folders or path.suffix == ".yaml"]
-    files = [*paths, *models, *map(covariance_path, models)]
+    there = [path for path in paths if path in folders or is_file(path)]
+    models = [model_file(path) for path in there]  # a model may have any ending
+    files = [*there, *models, *map(covariance_path, models)]
     for folder in folders:
         files += [folder / "campaign.yaml", *raw_files(folder), *arm_files(folder)]
     return [path for path in files if is_file(path)]

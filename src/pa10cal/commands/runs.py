@@ -375,7 +375,16 @@ def report(
     Examples:
         pa10cal report results/cell-a --out report.html
     """
+    from pa10cal.errors import OutputError
     from pa10cal.reports.page import write_page
 
+    if out.suffix.lower() not in (".html", ".htm"):  # a slip, which would replace a result
+        raise OutputError(
+            "the report is a page",
+            where="--out",
+            value=str(out),
+            allowed="the path of an HTML file",
+            remedy=f"give {out.with_suffix('.html')}" if out.name else "give report.html",
+        )
     name, size = write_page(results, out, campaign_dir, calibration)
     print(f"{name}: report {out}, {size / 1e6:.1f} MB")
