@@ -124,6 +124,40 @@ def test_a_row_that_was_typed_does_not_hide_the_step_of_all_others():
         assert told(q_deg) != of_all
 
 
+@pytest.mark.parametrize(
+    ("bits", "digits"), [(12, 2), (12, 1), (13, 2), (14, 2), (16, 3), (14, 4), (16, 9)]
+)
+def test_few_printed_digits_do_not_hide_the_counts_of_an_encoder(bits, digits):
+    rng, per_turn = np.random.default_rng(1), 2**bits
+    told = []
+    for n in (30, 60, 120, 300) * 10:
+        q_deg = rng.uniform(-150.0, 150.0, n)
+        told.append(
+            whole_counts(np.round(np.round(q_deg * per_turn / 360) * 360 / per_turn, digits))
+        )
+    half_a_step_or_more = 10.0**-digits >= 360.0 / per_turn / 2.0
+    assert set(told) == {0.0 if half_a_step_or_more else per_turn}
+
+
+@pytest.mark.parametrize("unit_deg", [1.0, np.degrees(1.0), 360.0])
+@pytest.mark.parametrize("step", [1.0, 0.1, 0.5, 0.25, 0.01, 0.002, 0.001])
+def test_round_parts_of_a_unit_are_no_counts(unit_deg, step):
+    rng = np.random.default_rng(1)
+    every = [rng.integers(-150, 150, n) for n in (20, 40, 200)] + [np.arange(25)]
+    assert {whole_counts(step * unit_deg * parts) for parts in every} == {0.0}
+
+
+def test_which_row_was_typed_does_not_matter():
+    rng = np.random.default_rng(1)
+    for _ in range(100):
+        q_deg = np.round(rng.uniform(-150.0, 150.0, 300), 2)
+        q_deg[rng.choice(300, 6, replace=False)] += 0.0043
+        assert decimal_step(q_deg, slides=False) == DecimalStep("0.01 deg", 0.01, "deg")
+        q_deg = np.round(rng.uniform(-150.0, 150.0, 101) * 8192 / 360) * 360 / 8192
+        q_deg[rng.choice(101, 2, replace=False)] += 0.0043129
+        assert whole_counts(q_deg) == 8192.0
+
+
 @pytest.mark.parametrize(("exact", "seed"), [(False, 8), (False, 9), (True, 8)])
 def test_a_target_on_the_last_axis_shows_a_rounding_too(exact, seed):
     """Its readings say little of that joint, and of what turns with it."""

@@ -38,12 +38,15 @@ _UNITS_OF_TURNS = {"deg": 1.0, "rad": float(np.degrees(1.0)), "turns": 360.0}
 _UNITS_OF_SLIDES = {"mm": 1.0}
 #: Steps that are sought, in these units.
 _DECIMALS = 10.0 ** -np.arange(7)
-#: Part of a step by which a position may be off it: printed digits (computing).
+#: Part of a step by which positions may be off it: printed digits (computing).
 _OFF_STEP = 0.1
-#: Part of the positions that may be off it further: rows that were typed, or interpolated (size).
+#: The same at most, where few digits are printed: of 20 positions anywhere, one set in a million is
+#: within it (level).
+_MOST_OFF_STEP = 0.25
+#: Share of the rows that may be off further: positions that were typed, or interpolated (size).
 _OTHERS = 0.02
-#: Fewest different whole numbers of steps at which an axis stood, by which a step is told: all
-#: positions within a tenth of a step are whole numbers of it (level).
+#: Fewest different whole numbers of steps at which an axis stood, by which a step is told: fewer
+#: are all near whole numbers of some step (level).
 _FEWEST_POSITIONS = 20
 
 #: Errors of joints are sought up to so many times those of rounding (computing).
@@ -73,10 +76,14 @@ def whole_counts(q_deg: Array) -> float:
     """Return the counts a turn to which positions (N,) were rounded; 0 for none.
 
     The fewest counts by whole numbers of which they differ; 0 where these are fewer than an encoder
-    has.
+    has. Printed positions are off them by up to half a unit of the last digit.
     """
+    printed = decimal_step(q_deg, slides=False)
+    half_digit_deg = 0.0 if printed is None else printed.in_column / 2.0
     for counts in _COUNTS.tolist():
-        if _differ_by_whole(q_deg, 360.0 / counts):
+        step_deg = 360.0 / counts
+        off = max(_OFF_STEP, half_digit_deg / step_deg)
+        if off < _MOST_OFF_STEP and _differ_by_whole(q_deg, step_deg, off):
             return float(counts) if counts >= _FEWEST_COUNTS else 0.0
     return 0.0
 
@@ -96,15 +103,24 @@ def decimal_step(q: Array, *, slides: bool) -> DecimalStep | None:
     return max(found, key=lambda step: step.in_column, default=None)
 
 
-def _differ_by_whole(q: Array, step: float) -> bool:
-    """Return whether positions (N,), but for a few, differ by whole steps, and by many of them."""
-    positions = np.unique(q)
-    if len(positions) < _FEWEST_POSITIONS:
+def _differ_by_whole(q: Array, step: float, off: float = _OFF_STEP) -> bool:
+    """Return whether positions (N,), but for a few, differ by whole steps, and by many of them.
+
+    Their parts of a step, on a circle, lie within twice `off` where all but a few are closest.
+    """
+    if len(q) < _FEWEST_POSITIONS:
         return False
-    moved = (positions - positions[len(positions) // 2]) / step
-    whole = np.abs(moved - np.round(moved)) < _OFF_STEP
-    stood_at = np.unique(np.round(moved[whole]))
-    return len(stood_at) >= _FEWEST_POSITIONS and bool(whole.mean() >= 1.0 - _OTHERS)
+    part = np.sort(q / step % 1.0)
+    turned = np.concatenate([part, part + 1.0])
+    most = int(np.ceil((1.0 - _OTHERS) * len(q)))
+    widths = turned[most - 1 : most - 1 + len(q)] - part
+    closest = int(np.argmin(widths))
+    if widths[closest] > 2.0 * off:
+        return False
+    middle = part[closest] + widths[closest] / 2.0
+    moved = q / step - middle
+    whole = np.abs(moved - np.round(moved)) <= off
+    return len(np.unique(np.round(moved[whole]))) >= _FEWEST_POSITIONS
 
 
 def axes_in_counts(raw: RawRows, arm: Arm) -> dict[int, float]:
@@ -201,14 +217,14 @@ def _show_rounding(readings: Observations, chain: Chain, payload: Payload | None
         return False  # base and targets are not determined
     if remainder is None:
         return False
-    none, as_rounded, any_size = (np.full(len(u), times) for times in (0.0, 1.0, _MOST_TIMES))
+    no_errors, as_rounded, any_size = (np.full(len(u), times) for times in (0.0, 1.0, _MOST_TIMES))
 
     rounded_at_least = remainder.likeliest(u, as_rounded, any_size)
-    noise_alone = remainder.likeliest(u, none, none)
+    noise_alone = remainder.likeliest(u, no_errors, no_errors)
     if rounded_at_least.log < noise_alone.log + _GAIN:
         return False  # joints need no errors
 
-    errors_of_any_size = remainder.likeliest(u, none, any_size)
+    errors_of_any_size = remainder.likeliest(u, no_errors, any_size)
     if rounded_at_least.log < errors_of_any_size.log - _MOST_LOST:
         return False  # a joint is exact, as none is that was rounded
 
@@ -218,7 +234,8 @@ def _show_rounding(readings: Observations, chain: Chain, payload: Payload | None
 
     # Errors are larger, so there are effects: these alone must not explain what remains.
     with_effects = remainder.moves_most(errors_of_any_size.times * u)
-    effects_alone = remainder.likeliest(u, none, np.where(with_effects, any_size, none))
+    of_effects = np.where(with_effects, any_size, no_errors)
+    effects_alone = remainder.likeliest(u, no_errors, of_effects)
     return rounded_at_least.log > effects_alone.log + _GAIN
 
 
@@ -232,7 +249,8 @@ class _Likeliest(NamedTuple):
 class _Remainder(NamedTuple):
     """What a fitted arm leaves of P poses with b components, beside what joints would move."""
 
-    # (P, b), zero where not seen; scaled up by what the fit took
+    # (P, b), zero where not seen; over the root of the share of the components that the parameters
+    # of the fit left free
     residual: Array
     covariance: Array  # (P, b, b) as stated
     of_kinds: Array  # (c, b) which components are of each kind
@@ -246,20 +264,20 @@ class _Remainder(NamedTuple):
             least, most: (n,) between which multiples of them the joints' errors may be.
         """
         kinds = len(self.of_kinds)
-        joints = np.einsum("pbj,pcj->jpbc", self.by_joints, self.by_joints)
-        joints = (joints * (u**2)[:, None, None, None]).reshape(len(u), -1)
+        of_joints = np.einsum("pbj,pcj->jpbc", self.by_joints, self.by_joints)
+        of_joints = (of_joints * (u**2)[:, None, None, None]).reshape(len(u), -1)  # covariances
 
         def cost(x: Array) -> tuple[float, Array]:
             size = np.exp(x[:kinds]) @ self.of_kinds
             noise = self.covariance * size[:, None] * size
-            covariance = noise + (x[kinds:] ** 2 @ joints).reshape(noise.shape)
+            covariance = noise + (x[kinds:] ** 2 @ of_joints).reshape(noise.shape)
             _, log_det = np.linalg.slogdet(covariance)
             inverse = np.linalg.inv(covariance)
             solved = (inverse @ self.residual[:, :, None])[..., 0]
             value = 0.5 * float(np.sum(log_det) + np.sum(self.residual * solved))
             by_covariance = 0.5 * (inverse - solved[:, :, None] * solved[:, None])
             by_kinds = 2.0 * self.of_kinds @ (by_covariance * noise).sum(axis=(0, 2))
-            by_times = 2.0 * x[kinds:] * (joints @ by_covariance.ravel())
+            by_times = 2.0 * x[kinds:] * (of_joints @ by_covariance.ravel())
             return value, np.concatenate([by_kinds, by_times])
 
         start = np.concatenate([np.zeros(kinds), np.clip(1.0, least, most)])
