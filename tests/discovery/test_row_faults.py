@@ -71,12 +71,12 @@ class TestLoads:
 
 
 class TestShownLoads:
-    """Loads by made-up deviations, in poses 0 to 19 that are measured under each load in turn."""
+    """Loads by made-up deviations, in poses that are measured under each load in turn."""
 
-    def told(self, monkeypatch, loads_N, written_N, repeats=1):
+    def told(self, monkeypatch, loads_N, written_N, repeats=1, poses=20):
         """Return the loads told of the readings of pose 3, of which others were written down."""
-        true_N = np.tile(np.repeat(loads_N, repeats), 20).astype(float)
-        pose = np.repeat(np.arange(20), repeats * len(loads_N))
+        true_N = np.tile(np.repeat(loads_N, repeats), poses).astype(float)
+        pose = np.repeat(np.arange(poses), repeats * len(loads_N))
         stated_N = true_N.copy()
         stated_N[pose == 3] = written_N
         rng = np.random.default_rng(5)
@@ -87,7 +87,7 @@ class TestShownLoads:
         still = np.tile(np.eye(4), (len(pose), 1, 1))
         cov = np.tile(np.eye(6), (len(pose), 1, 1))
         readings = measured_poses(pose.astype(str), states, still, cov)
-        readings = replace(readings, repeat=np.tile(np.arange(repeats), 20 * len(loads_N)))
+        readings = replace(readings, repeat=np.tile(np.arange(repeats), poses * len(loads_N)))
         told_N, gain = true_loads(readings, None, "a payload", "logged")
         assert not gain[told_N == stated_N].any()
         np.testing.assert_array_equal(told_N[pose != 3], stated_N[pose != 3])
@@ -110,6 +110,27 @@ class TestShownLoads:
         assert fault.where == "pose 3, " + " and ".join(f"{load} N" for load in changed)
         assert fault.what.startswith("the loads seem exchanged: ")
         assert 0.5 < fault.gain < 1.0
+
+    @pytest.mark.parametrize(
+        ("poses", "wrong", "reported"),
+        [(8, 1, True), (12, 2, True), (30, 4, True), (12, 12, False)],
+    )
+    def test_some_of_few_poses_may_be_exchanged(self, poses, wrong, reported):
+        stated_N = np.tile([0.0, 44.0], poses)
+        pose = np.repeat(np.arange(poses), 2)
+        readings = SimpleNamespace(pose=pose, states=SimpleNamespace(load_N=stated_N))
+        assert faults_of_rows._are_no_slips(pose < wrong, readings) != reported
+        in_one_repeat = np.arange(16 * poses) % 16 == 0  # of eight, at every pose
+        readings = SimpleNamespace(
+            pose=np.repeat(pose, 8), states=SimpleNamespace(load_N=np.repeat(stated_N, 8))
+        )
+        assert not faults_of_rows._are_no_slips(in_one_repeat, readings)
+
+    def test_loads_exchanged_at_one_of_eight_poses_are_reported(self, monkeypatch):
+        true_N, written_N = (0, 44), (44, 0)
+        found_N, faults = self.told(monkeypatch, true_N, written_N, poses=8)
+        assert found_N == list(true_N)
+        assert len(faults) == 1
 
     def test_one_that_is_alone_with_another_load_is_none(self, monkeypatch):
         told_N, faults = self.told(monkeypatch, (0, 22, 44), (22, 22, 44))

@@ -52,15 +52,16 @@ def row_faults(
 ) -> RowFaults:
     """Find the faults of single readings of the poses fitted; the readings are complete."""
     true_N, gain = true_loads(readings, model, payload, torques)
-    exchanged = true_N != readings.states.load_N
     faults = [*_load_faults(readings, true_N, gain)]
-    others, excluded = readings.take(~exchanged), exchanged.copy()
-    gross = gross_errors(others, model)
-    excluded[~exchanged] = gross.excluded
-    faults += _reading_faults(others, model, gross, "")
+    excluded = true_N != readings.states.load_N  # (P,)
+    rest = ~excluded  # (P,) readings whose loads are not exchanged
+    of_rest = readings.take(rest)
+    gross = gross_errors(of_rest, model)
+    excluded[rest] = gross.excluded
+    faults += _reading_faults(of_rest, model, gross, "")
     for pose, (off, times) in poses_off(readings.take(~excluded), model).items():
         excluded |= readings.pose == pose
-        what = f"all its readings are {off}, {times:.3g} times as far as is usual"
+        what = f"the mean of its readings is {off}, {times:.3g} times as far as is usual"
         faults.append(fault_of_pose(pose, what, None, decides=False))
     return RowFaults(excluded, tuple(faults))
 
@@ -90,11 +91,11 @@ def _load_faults(readings: Observations, true_N: Array, gain: Array) -> Iterator
             of_load = of_pose & (stated_N == load_N)
             repeats = ", ".join(map(str, np.unique(readings.repeat[here & of_load])))
             loads.append(f"{load_N:g} N" + ("" if here[of_load].all() else f", repeat {repeats}"))
-        told = "; ".join(f"{stated:g} N stated, {true:g} N told" for stated, true in pairs)
+        loads_shown = "; ".join(f"{stated:g} N stated, {true:g} N shown" for stated, true in pairs)
         yield DiagnosedFault(
             kind="load",
             where=f"pose {pose}, {' and '.join(loads)}",
-            what=f"the loads seem exchanged: {told}",
+            what=f"the loads seem exchanged: {loads_shown}",
             remedy="check which load hung on the arm, and correct load_N there",
             gain=float(gain[here].sum()),
         )
@@ -169,7 +170,9 @@ def true_loads(
 ) -> tuple[Array, Array]:
     """Return the load of each reading, (P,), which is not the stated one where it was exchanged.
 
-    And the share (P,) of the squared error of all readings that the exchange removes.
+    And the share (P,) of the squared error of all readings that the exchange removes. All loads are
+    as stated where the readings cannot show them (the payload is not known, there is one load, or
+    there are no torques), and where so many seem exchanged that a load or torque is wrong instead.
     """
     stated_N = readings.states.load_N
     as_stated = stated_N, np.zeros(len(readings))
@@ -183,11 +186,22 @@ def true_loads(
     shown_N = _shown_loads(white, columns, stated_N)
     true_N = np.where(_are_exchanged(shown_N, stated_N, readings.pose), shown_N, stated_N)
     wrong = true_N != stated_N
-    if not wrong.any() or wrong.mean() > ROWS.most_slips_share:
+    if not wrong.any() or _are_no_slips(wrong, readings):
         return as_stated
     corrected = white - columns * (true_N - stated_N)[:, None]
     gain = np.sum(white**2 - corrected**2, axis=1) / np.sum(white**2)
     return true_N, np.where(wrong, gain, 0.0)
+
+
+def _are_no_slips(wrong: Mask, readings: Observations) -> bool:
+    """Return whether loads (P,) are wrong in too many readings and poses for slips of a hand."""
+    poses = [
+        wrong[rows].any()
+        for rows in (readings.pose == pose for pose in np.unique(readings.pose))
+        if len(np.unique(readings.states.load_N[rows])) > 1
+    ]
+    in_many_readings = wrong.mean() > ROWS.most_slips_share
+    return bool(in_many_readings and np.mean(poses) > ROWS.most_slipped_poses)
 
 
 def _load_rows(
@@ -217,8 +231,10 @@ def _load_rows(
 def _less_error_of_pose(deviation: Array, pose: NDArray[np.str_], stated_N: Array) -> Array:
     """Return deviations (P, r) less their median over the readings of a pose.
 
-    An error of the pose moves the readings of all its loads. Those of a pose that was measured
-    under one load stay as they are: no load in it can have been exchanged.
+    An error of the pose moves the readings of all its loads; an exchange of two loads moves them by
+    opposite amounts, and leaves the median where it is. Of three loads in cyclic order it does not,
+    so these are not found. The readings of a pose that was measured under one load stay as they
+    are: no load in it can have been exchanged.
     """
     centred = deviation.copy()
     for each in np.unique(pose):
@@ -241,7 +257,8 @@ def _shown_loads(white: Array, columns: Array, stated_N: Array) -> Array:
     information = np.sum(columns**2, axis=1)
     # By least squares the load shown is the stated one and so much more.
     more_N = np.sum(columns * white, axis=1) / np.maximum(information, np.finfo(float).tiny)
-    # In some postures the load has hardly any effect.
+    # In some postures the load has hardly any effect. Deviations hold more than noise, so their
+    # scatter is measured: that of the loads shown, each in units of its own uncertainty.
     scatter = NOISE.median_to_sigma * float(np.median(np.abs(more_N) * np.sqrt(information)))
     u_N = scatter / np.sqrt(np.maximum(information, np.finfo(float).tiny))
     shown_N, least = stated_N.copy(), ROWS.load_left_share * np.sum(white**2, axis=1)

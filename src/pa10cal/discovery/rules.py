@@ -447,6 +447,9 @@ class Rows:
     load_left_share: float = 0.25
     # largest share of readings with an exchanged load; of more a load or torque is wrong (trials)
     most_slips_share: float = 0.1
+    # unless they are in at most this share of the poses under several loads: of few poses one is
+    # more than a tenth (size)
+    most_slipped_poses: float = 0.25
 
 
 @dataclass(frozen=True)
