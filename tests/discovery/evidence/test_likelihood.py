@@ -202,6 +202,25 @@ def test_the_best_variance_is_found_where_hundreds_of_rows_have_a_part(variance)
     assert found.variances.pose == pytest.approx(np.exp(best.x), rel=0.1)
 
 
+@pytest.mark.parametrize("variance", [7e4, 1e6, 1e8])
+def test_chance_makes_no_candidate_likely_however_large_the_shared_error_is(variance):
+    rng, rows = np.random.default_rng(2), 300
+    shared = SharedByCells(eye_array(rows).tocsr(), np.full(rows, 4.0))
+    channel = NoiseModel.of(np.ones((rows, 1, 1)), shared, np.zeros((rows, 1, 0)))
+    data = np.sqrt(1.0 + 4.0 * variance) * rng.normal(size=rows)
+    prior = np.array([[0.5 * np.sqrt(variance)]])
+    blocks = tuple(
+        CandidateRows(rng.normal(size=(rows, 1)), np.zeros((0, 1)), prior) for _ in range(20)
+    )
+    lin = LinearisedCandidates(data, np.zeros(0), np.zeros((rows, 0)), blocks)
+    evidence = SetEvidence(channel, None, lin)
+    nothing = evidence.score(())
+    assert nothing.variances.pose == pytest.approx(variance, rel=0.2)
+    for k, (gain, size) in enumerate(evidence.additions((), list(range(20)))):
+        assert gain < 3.0
+        assert evidence.score(((k, size),)).log_evidence - nothing.log_evidence < 3.0
+
+
 @pytest.mark.parametrize("amounts", [(7.0, -5.0), (20.0, -10.0)])
 def test_the_best_variances_are_found_where_poses_and_torques_contradict_each_other(amounts):
     """The amount is that of either channel: the other then has a large shared error."""
