@@ -83,8 +83,8 @@ WILD_BENCHES = tuple(
     for instrument in ("pose", "points", "distance")
     for robot, joints in (("ur10", 6), ("irb120", 0), ("iiwa14", 7))
 )
-#: An arm whose joints turn more than once is measured in one campaign, others in two: an error that
-#: is periodic in the joint repeats from turn to turn or from campaign to campaign.
+#: An error that is periodic in the joint repeats from turn to turn, in arms whose joints turn more
+#: than once (ur10; joint 6 of irb120), and in all arms from campaign to campaign, if there are two.
 DRIVE_BENCHES = (
     Bench("ur10", "pose", (2, 3), campaigns=1),
     Bench("iiwa14", "pose", (2, 4), campaigns=2),
@@ -103,6 +103,8 @@ STUDIES: dict[str, dict[str, Bench]] = {
 }
 STUDIES["wild"] = {**_named(WILD_BENCHES), TOUCHED: STUDIES["touched"]["wide"]}
 _KINDS_OF = {"wild": WILD_KINDS, "drives": DRIVE_KINDS}
+#: Subjects of trials of a kind that has none.
+_NO_SUBJECTS = ("",)
 #: Number of the random stream of the first kind of each study; the next kinds have the next ones.
 _STREAMS = {
     **{"touched": 0, "tracked": 7, "points_one": 107, "points_three": 207, "distance": 307},
@@ -185,22 +187,19 @@ def _checked(
     """
     if study not in STUDIES:
         _refuse("unknown study", "study", study, STUDIES)
-    unknown = {"kind": "unknown kind of trial", "bench": "no such layout of poses"}
-    unknown |= {"subject": "no such subject"}
-    if study == "wild":
-        unknown = dict.fromkeys(unknown, "no such thing in wild trials")
     if kind not in _kinds_of(study):
-        _refuse(unknown["kind"], "kind", kind, _kinds_of(study))
+        _refuse("unknown kind of trial", "kind", kind, _kinds_of(study))
     known = measured_benches() if kind in SUBJECTS else STUDIES[study]
     for name in names:
         if name not in known:
-            _refuse(unknown["bench"], "benches" if study == "wild" else "--layouts", name, known)
+            what = "no such layout of poses" if study == "touched" else "no such bench"
+            _refuse(what, "--benches" if study == "wild" else "--layouts", name, known)
     subjects = subjects_of(kind)
-    if only and only not in subjects and len(subjects) == 1:
-        what = f"trials of kind {kind} have no subjects"
-        _refuse(what, "--only", only, ["nothing"], "leave --only out")
     if only and only not in subjects:
-        _refuse(unknown["subject"], "only", only, subjects)
+        if subjects == _NO_SUBJECTS:
+            what = f"trials of kind {kind} have no subjects"
+            _refuse(what, "--only", only, ["no subject"], "leave --only out")
+        _refuse("no such subject", "--only", only, dict.fromkeys(subjects))
     return {name: known[name] for name in names or known}, (only,) if only else subjects
 
 
@@ -223,7 +222,7 @@ def subjects_of(kind: str) -> tuple[str, ...]:
         "fault": tuple(name for name, each in every if not each.stressor),
         **SUBJECTS,
     }
-    return known.get(kind, ("",))
+    return known.get(kind, _NO_SUBJECTS)
 
 
 def trial_counts(counts: Iterable[tuple[str, int]]) -> dict[str, int]:
@@ -237,7 +236,8 @@ def trial_counts(counts: Iterable[tuple[str, int]]) -> dict[str, int]:
             the number of rounds.
     """
     in_turn = ("single", "outside", "stressed", "beyond", "fault")
-    rounds = {kind: len(subjects_of(kind)) for kind in in_turn} | {"effect": len(vocabulary())}
+    rounds = {kind: len(subjects_of(kind)) for kind in in_turn}
+    rounds["effect"] = len(subjects_of("effect")) + 1
     return {kind: number * rounds.get(kind, 1) for kind, number in counts}
 
 
@@ -267,8 +267,8 @@ def _draw_hidden(
     effects = outside() if kind == "outside" else vocabulary()
     bench = _bench_in_turn(kind, number, subject, benches, effects)
     scenario = Scenario(kind, rng, bench, int(rng.integers(2**31)))
-    drifts, settings = bench.drawn_plan(rng)
-    scenario.settings |= settings
+    drifts, plan = bench.drawn_plan(rng)
+    scenario.settings |= plan
     names = [name for name, effect in effects.items() if bench.places(effect)]
     while len(scenario.hidden) < _MEMBERS.get(kind, 0):
         effect = effects[subject or str(rng.choice(names))]
@@ -278,9 +278,10 @@ def _draw_hidden(
         scenario.hide(effect, drawn_size if size is None else size)
     uncertainty_mm = UNCERTAINTY_MM
     if not bench.touched:
-        plan = settings["without_touches"]
-        plan["logs_torques"] |= any(issubclass(e, TorqueLogEffect) for e in scenario.effects)
-        uncertainty_mm = plan["position_mm"]
+        measurement = scenario.settings["without_touches"]
+        # An effect of the log of torques is hidden in a log. The robot does not depend on it.
+        measurement["logs_torques"] |= any(issubclass(e, TorqueLogEffect) for e in scenario.effects)
+        uncertainty_mm = measurement["position_mm"]
     warms = drifts or any(effect.by_temperature for effect in scenario.effects)
     scenario.settings["temperature_drift_C"] = bench.drift_C if warms else 0.0
     scenario.settings |= _wrong_statement(kind, uncertainty_mm, bench.arm, rng)
@@ -356,8 +357,9 @@ _TOUCHED_POSES = 40
 #: Friction of the joint whose direction is reversed in the log, without which that has no effect
 #: [N m].
 _FRICTION_NM = 4.0
-#: Largest number of benches and stressors that are drawn until a trial is possible.
-_TRIES = 2000
+#: Largest number of benches that are drawn until a trial is possible; and for one stressor, before
+#: the next takes its place.
+_TRIES, _TRIES_A_STRESSOR = 2000, 100
 
 
 def _draw_wild(
@@ -370,7 +372,7 @@ def _draw_wild(
     for attempt in range(_TRIES):
         put_in = [DISTURBANCES[subject]] if subject in DISTURBANCES else []
         if kind == "effect":
-            turn = number + number // len(subjects_of(kind)) + attempt // 100
+            turn = number + number // len(subjects_of(kind)) + attempt // _TRIES_A_STRESSOR
             put_in.append(DISTURBANCES[stressors[turn % len(stressors)]])
         name = names[number % len(names)] if kind == "right" else str(rng.choice(names))
         bench = benches[name]
@@ -463,19 +465,13 @@ def _wild_tracked(
 def _wild_touched(
     scenario: Scenario, effect: type[SimulatedEffect] | None, put_in: Sequence[Disturbance]
 ) -> Trial:
-    """Draw the campaign of touched balls.
+    """Draw the campaign of touched balls: one of the touched study, with disturbances in its log.
 
-    Its settings are those of a trial of the touched study, of the same effect or of none; the seed,
-    the disturbances, the loads, the number of poses and the friction below replace those there.
+    Its seed, disturbances, loads and number of poses are those below, and a joint whose direction
+    is reversed gets friction.
     """
     disturbances = _entries(put_in, scenario)
-    kind, number, size, subject = "null", 0, None, ""
-    if effect is not None:
-        kind, among = ("single", vocabulary()) if effect.named else ("outside", outside())
-        number, subject = list(among).index(effect.id), effect.id  # the first trial of the subject
-        size = effect.plausible_size if effect.named else None
-    rng = np.random.default_rng([scenario.seed, KINDS.index(kind), number])
-    touched = _draw_hidden(kind, number, subject, {TOUCHED: scenario.bench}, rng, size=size)
+    touched = _of_touched_study(scenario.seed, scenario.bench, effect)
     hidden = [entry.model_dump() for entry in touched.settings.hidden_effects]
     for entry in disturbances:
         if entry["id"] == "direction_reversed":
@@ -491,6 +487,23 @@ def _wild_touched(
     settings = parse_section(SimulateOptions, raw, where=touched.name)
     sizes = touched.sizes + (1.0,) * (len(hidden) - len(touched.sizes))
     return Trial(f"wild-{scenario.seed:08x}", scenario.kind, TOUCHED, settings, sizes)
+
+
+def _of_touched_study(seed: int, bench: Bench, effect: type[SimulatedEffect] | None) -> Trial:
+    """Draw a trial as the touched study has them, of one effect at its plausible size or of none.
+
+    An effect without a name has a size that is drawn, as there. The number of a trial, which would
+    choose among benches, is that of the first one of its effect.
+    """
+    kind, number, subject, size = "null", 0, "", None
+    if effect is not None and effect.named:
+        kind, subject, size = "single", effect.id, effect.plausible_size
+        number = list(vocabulary()).index(subject)
+    elif effect is not None:
+        kind, subject = "outside", effect.id
+        number = list(outside()).index(subject)
+    rng = np.random.default_rng([seed, KINDS.index(kind), number])
+    return _draw_hidden(kind, number, subject, {TOUCHED: bench}, rng, size=size)
 
 
 def _entries(put_in: Sequence[Disturbance], scenario: Scenario) -> list[dict[str, Any]]:
@@ -531,12 +544,12 @@ def _draw_drives(
         "position_mm": log_uniform(_DRIVE_POSITION_MM, rng),
         "attitude_rad": log_uniform(ATTITUDE_RAD, rng),
     }
-    # All gears of an arm have one ratio: the stated one, or else one that is drawn.
     arm = bench.arm
-    drawn, stated = drawn_ratio(rng), float(arm.gear_ratio[0])
-    ratio = drawn if np.isnan(stated) else stated
+    drawn = drawn_ratio(rng)  # of all gears whose ratio is not stated
     joints = rng.choice(arm.n - 1, int(rng.integers(1, _MOST_JOINTS, endpoint=True)), False) + 1
-    for of in (f"joint {joint}" for joint in sorted(joints.tolist())):
+    for joint in sorted(joints.tolist()):
+        of, stated = f"joint {joint}", float(arm.gear_ratio[joint - 1])
+        ratio = drawn if np.isnan(stated) else stated
         for name in _EFFECTS_OF_DRIVES[kind]:
             size = log_uniform(_DRIVE_SIZES, rng)
             parameters = all_effects()[name].at_size(Site(of), size, rng)
@@ -569,7 +582,8 @@ def campaigns_of(trial: Trial) -> tuple[SimulateOptions, ...]:
 def _commanded(arm: Arm, poses: int, rng: np.random.Generator) -> tuple[tuple[float, ...], ...]:
     """Return configurations (poses, n) [deg] drawn over the joints' ranges; some joints stay."""
     low, high = np.degrees(arm.limits_rad.T)
-    # Errors that repeat from turn to turn need all turns; other joints keep off their limits.
+    # Errors that repeat from turn to turn need all turns. Where no joint of the arm turns more than
+    # once, all keep off their limits.
     if np.all(high - low <= 360.0):
         low, high = np.degrees(joint_bounds(arm))
     drawn = rng.uniform(low, high, (poses, arm.n)).round(4)

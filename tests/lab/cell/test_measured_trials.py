@@ -297,7 +297,7 @@ def test_some_mixed_effects_drown_and_some_dominate(mixed):
 def test_refuses_what_does_nothing_and_weights_of_another_arm():
     with pytest.raises(SettingsError, match="does nothing at any of the benches"):
         draw_trials(UNSTATED, 1, 1, "wild", ["gx4_351s-pose"], only="some_springs")
-    with pytest.raises(SettingsError, match="no such thing"):
+    with pytest.raises(SettingsError, match="--benches: no such bench"):
         draw_trials(SORTED, 1, 1, "wild", ["ur10-distance"])
     (trial,) = draw_trials(UNSTATED, 1, 1, "wild", ["ur10-pose"])
     with pytest.raises(SimulationError, match="6 entries for 7 rows"):

@@ -2,6 +2,7 @@
 
 import json
 from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -337,8 +338,12 @@ def test_wrong_statements_are_those_of_trackers():
 def test_refuses_benches_at_which_an_effect_does_nothing():
     with pytest.raises(SettingsError, match="does nothing at any of the benches"):
         draw_trials("single", len(vocabulary()), 1, "tracked", ["irb120-pose"])
-    with pytest.raises(SettingsError, match="no such layout"):
+    with pytest.raises(SettingsError, match="--layouts: no such layout of poses"):
+        draw_trials("null", 1, 1, "touched", ["ur10"])
+    with pytest.raises(SettingsError, match=r"--layouts: no such bench .*allowed: ur10-pose"):
         draw_trials("null", 1, 1, "tracked", ["ur10-distance"])
+    with pytest.raises(SettingsError, match=r"--layouts: no such bench .*allowed: ur10-1"):
+        draw_trials("gear", 1, 1, "drives", ["ur10"])
     with pytest.raises(SettingsError, match=r"unknown kind of trial \(got 'double'\).*triple"):
         draw_trials("double", 1, 1, "tracked")
     with pytest.raises(SettingsError, match="--count: no trial to run"):
@@ -496,12 +501,17 @@ def test_repeats_run_in_the_order_of_the_settings():
 
 
 def test_refuses_what_wild_trials_do_not_know():
-    with pytest.raises(SettingsError, match="no such thing"):
+    with pytest.raises(SettingsError, match="unknown kind of trial"):
         draw_trials("tame", 1, 1, "wild")
-    with pytest.raises(SettingsError, match="no such thing"):
+    with pytest.raises(SettingsError, match="--only: no such subject"):
         draw_trials("fault", 1, 1, "wild", only="rust")
-    with pytest.raises(SettingsError, match="leave --only out"):
+    with pytest.raises(SettingsError, match=r"no such subject \(got 'rust'\); allowed: nothing; "):
         draw_trials("right", 1, 1, "wild", only="rust")
+    with pytest.raises(SettingsError, match="leave --only out"):
+        draw_trials("null", 1, 1, "tracked", only="rust")
+    with pytest.raises(SettingsError) as refused:
+        draw_trials("sorted_rows", 1, 1, "wild", only="rust")
+    assert str(refused.value).count("nothing") == 1
     with pytest.raises(SettingsError, match="does nothing at any of the benches"):
         draw_trials("fault", 1, 1, "wild", ["irb120-distance"], only="attitudes")
     (trial,) = draw_trials("right", 1, 1, "wild")
@@ -530,6 +540,16 @@ def test_benches_of_drives_take_turns_and_a_motor_has_one_ripple(kind):
         for of in {each.of for each in hidden}:
             ripples = [any(each.parameters["ripple"]) for each in hidden if each.of == of]
             assert sum(ripples) == 1  # a motor has one
+
+
+def test_a_drive_has_the_gear_ratio_that_is_stated_of_its_joint(monkeypatch):
+    ratios = np.array([np.nan, 101.0, 80.0, 120.0, 100.0, 50.0])
+    bench = DRIVE_BENCHES[0]
+    monkeypatch.setitem(bench.__dict__, "arm", replace(bench.arm, gear_ratio=ratios))
+    for trial in draw_trials("gear", 6, 1, "drives", [bench.name]):
+        for each in trial.settings.hidden_effects:
+            stated = ratios[int(each.of.removeprefix("joint ")) - 1]
+            assert np.isnan(stated) or each.parameters["ratio"] == stated
 
 
 def test_campaigns_are_of_one_robot_in_poses_and_noise_of_their_own():
