@@ -445,11 +445,8 @@ class Rows:
     load_errors: float = 8.0  # distance from the stated load, in uncertainties (level)
     # largest part of the squared error that the other load leaves (trials)
     load_left_share: float = 0.25
-    # largest share of readings with an exchanged load; of more a load or torque is wrong (trials)
-    most_slips_share: float = 0.1
-    # unless they are in at most this share of the poses under several loads: of few poses one is
-    # more than a tenth (size)
-    most_slipped_poses: float = 0.25
+    most_slips_share: float = 0.1  # largest share of readings with an exchanged load (trials)
+    most_slipped_poses: float = 0.25  # or of poses; of more a load or torque is wrong (size)
 
 
 @dataclass(frozen=True)
