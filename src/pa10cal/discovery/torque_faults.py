@@ -150,8 +150,9 @@ class _TorqueRows:
         columns = self._columns(chosen)
         fitted, own = self.both.along(columns), np.isin(columns, self.columns_of[fault])
         without = self._squares([other for other in chosen if other != fault], self.both)
-        gain = (without - fitted.residual_squares) / without
-        return fitted.mean[own], fitted.covariance[np.ix_(own, own)], gain
+        # Logged torques may be exactly those calculated: nothing is left to explain.
+        share = (without - fitted.residual_squares) / without if without > 0.0 else 0.0
+        return fitted.mean[own], fitted.covariance[np.ix_(own, own)], share
 
     def _columns(self, chosen: Sequence[int]) -> Index:
         """Return the columns of nuisances and chosen faults."""

@@ -265,6 +265,10 @@ class BlockedRows:
             (self.basis @ harmonics).reshape(-1, points)
         )
         white = design.data[:, None] - design.dense @ x[: self.dense_count] - maps
+        return self.unwhitened(block, white)
+
+    def unwhitened(self, block: int, white: Array) -> Array:
+        """Return whitened rows (b p, m) of a block as its components, (p, b, m)."""
         whiteners = self.weights.whiteners(np.flatnonzero(self.survey.block == block))
         return np.asarray(np.linalg.solve(whiteners, white.reshape(*whiteners.shape[:2], -1)))
 

@@ -426,12 +426,9 @@ def _verdict(campaign: Prepared, searched: SearchWithMotion) -> Verdict[ByBlocks
     survey, extended, poses = found.survey, found.extended, found.survey.poses
     noise = survey.noise_about(extended.fitted())
     floor_mm = mean_noise_error_mm(poses.measured, noise.cov)
+    block, errors_mm, over_noise = found.held_out
     remaining = judge.remaining_error(
-        survey.block,
-        found.errors_mm,
-        floor_mm,
-        found.expected_over_noise * floor_mm,
-        found.tried,
+        block, errors_mm, floor_mm, over_noise * floor_mm, found.tried
     )
     findings = tuple(
         Finding(

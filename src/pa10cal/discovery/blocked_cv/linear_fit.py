@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -17,6 +18,8 @@ from pa10cal.arrays import Array, Index
 from pa10cal.discovery.blocked_cv.block_rows import BlockedRows, ShapedEffect
 from pa10cal.discovery.blocked_cv.effect_set import as_good
 from pa10cal.discovery.blocked_cv.normal_equations import solve, summed
+from pa10cal.discovery.blocked_cv.survey import Survey
+from pa10cal.discovery.position_errors import position_error_mm
 from pa10cal.discovery.rules import BLOCKS, MAPS
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.numerics.periodic_spline import b_splines_by_knots
@@ -84,6 +87,48 @@ def _fit_and_held_out_squares(
         others = fit.equations - block
         squares.append(block.squares_at(solve(others.gram, others.projection, fit.prior)))
     return fit, np.array(squares)
+
+
+class HeldOut(NamedTuple):
+    """Position errors of held-out poses, each block predicted from the others."""
+
+    block: Index  # (P,) number of the block of each pose
+    errors_mm: Array  # (P,)
+    # the error that noise and uncertain estimates make, over that of noise
+    expected_over_noise: float
+
+    @classmethod
+    def of(cls, survey: Survey, errors_mm: Array, squares_of_estimates: float) -> HeldOut:
+        """Return errors (P,) of the blocks of a survey.
+
+        Args:
+            survey: the survey.
+            errors_mm: (P,) position errors.
+            squares_of_estimates: sum of squares of whitened position rows that uncertain estimates
+                are expected to add, where noise alone gives 1 a row.
+        """
+        measured = survey.poses.measured
+        rows = measured.components_seen[:, measured.position_columns].sum()
+        return cls(survey.block, errors_mm, float((1.0 + squares_of_estimates / rows) ** 0.5))
+
+
+def held_out(rows: BlockedRows, fit: LinearFit) -> HeldOut:
+    """Return the errors of the blocks of some rows, each held out of a fit of its members."""
+    rows, (joints, knots) = rows.with_effects_of(fit.members), joints_and_knots(fit.members)
+    measured = rows.survey.poses.measured
+    errors_mm, squares_of_estimates = np.empty(len(rows.survey.block)), 0.0
+    for block in range(BLOCKS.blocks):
+        own = rows.equations_by_kind(block, joints, knots)
+        others = fit.equations - own.total
+        covariance = solve(others.gram, np.eye(others.unknowns), fit.prior)
+        squares_of_estimates += float(np.sum(covariance * own.positions.gram))
+        x, design = covariance @ others.projection, rows.design(block)
+        maps = design.maps(knots, [rows.joints.index(joint) for joint in joints])
+        white = design.data - design.dense @ x[: rows.dense_count] - maps @ x[rows.dense_count :]
+        residual = rows.unwhitened(block, white[:, None])[:, :, 0]
+        here = np.flatnonzero(rows.survey.block == block)
+        errors_mm[here] = position_error_mm(measured.take(here), residual)
+    return HeldOut.of(rows.survey, errors_mm, squares_of_estimates)
 
 
 def linear_fit_of(

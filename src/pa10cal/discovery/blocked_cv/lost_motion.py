@@ -7,10 +7,11 @@ which may help enough by itself. Predictions hold what is of the arm, and not wh
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
+from pa10cal.arrays import Array
 from pa10cal.discovery.blocked_cv.effect_set import as_good, surely_worse
 from pa10cal.discovery.blocked_cv.interleaved_check import (
     InterleavedCheck,
@@ -20,7 +21,7 @@ from pa10cal.discovery.blocked_cv.interleaved_check import (
 from pa10cal.discovery.blocked_cv.judge import BlockPrediction, Judged
 from pa10cal.discovery.finding import Rival
 from pa10cal.terms.effects.arrivals import AlongMove, LostMotion
-from pa10cal.terms.effects.effect import CandidateContext, Effect, driven_joints
+from pa10cal.terms.effects.effect import CandidateContext, Effect, driven_joints, joint_of
 from pa10cal.terms.effects.joint import Backlash
 
 
@@ -33,54 +34,132 @@ def stand_for_lost_motion(judged: Sequence[Judged]) -> tuple[Judged, ...]:
 
 
 def lost_motion_instead(
-    context: CandidateContext, check: InterleavedCheck, found: tuple[Judged, ...]
+    context: CandidateContext,
+    check: InterleavedCheck,
+    found: tuple[Judged, ...],
+    candidates: Sequence[AlongMove],
 ) -> tuple[Judged, ...]:
-    """Return lost motion in the place of what may stand for it, if left-out poses gain by that.
+    """Return what to name in the place of effects of moves and of lost motion that were found.
 
-    Where it and an effect of moves predict them alike, to within a standard error, the better of
-    the two has the other as an alternative.
+    Lost motion of all joints that need it is compared with the effects of moves found. Where there
+    are none, the best candidate is tried, unless what was found is lost motion of one joint and
+    that of all gains nothing significant: the search tried moves in its place. See `_against_moves`
+    for what wins. The loser is a rival of the winner, with its score.
 
     Args:
         context: that of the campaign.
         check: about the model without what was found.
         found: what may stand for it, as `stand_for_lost_motion` returns it.
+        candidates: the effects of moves that the campaign may show.
     """
-    alone = _of_joints_that_need_it(context, check)
-    if alone is None:
-        return found
-    with_found = check.squares([each.effect for each in found])
-    in_place = _by_joint(alone.effect, proof_of(check.squares(), alone.squares))
-    moves = tuple(each for each in found if isinstance(each.effect, AlongMove))
-    if not moves:
-        return in_place if check.gains_significantly(with_found, alone.squares) else found
-    of_moves = [each.effect for each in moves]
-    if check.gains_a_share(alone.squares, check.squares([*of_moves, alone.effect])):
-        beside = _of_joints_that_need_it(context, check, of_moves)
-        if beside is None:
+    lost, with_found = _of_joints_that_need_it(context, check), _squares(check, found)
+    gains = _helps(check, check.squares(), lost.squares)
+    if any(isinstance(each.effect, AlongMove) for each in found):
+        if not gains:
+            return _with_rival(check, found, with_found, lost)
+        return _against_moves(context, check, lost, found)
+    more = gains and check.gains_significantly(with_found, lost.squares)
+    if not (more or len(found) > 1):
+        return _with_rival(check, found, with_found, lost)
+    moves = _best_move(check, candidates)
+    with_move = _squares(check, moves)
+    move_helps = _helps(check, check.squares(), with_move)
+    if not more:
+        if not (move_helps and as_good(with_move.total, with_found.total)):
             return found
-        proof = proof_of(check.squares(of_moves), beside.squares)
-        return (*moves, *_by_joint(beside.effect, proof))
-    if not as_good(with_found.total, alone.squares.total):
-        return in_place
-    if len(found) > 1 or not as_good(alone.squares.total, with_found.total):
-        return found
-    return (_either(check, found[0], with_found, alone),)
+        joints = tuple(joint_of(each.effect.of) for each in found)
+        lost = _LostMotion(LostMotion("arm", joints), with_found)
+    if not move_helps:
+        proof = proof_of(check.squares(), lost.squares)
+        return _by_joint(check, lost, proof, _by_place(found), moves)
+    return _against_moves(context, check, lost, moves, found)
 
 
-class _Tried(NamedTuple):
+def _against_moves(
+    context: CandidateContext,
+    check: InterleavedCheck,
+    lost: _LostMotion,
+    found: tuple[Judged, ...],
+    before: tuple[Judged, ...] = (),
+) -> tuple[Judged, ...]:
+    """Return what to name of lost motion that helps, and of effects of moves.
+
+    By how left-out poses are predicted, to within a standard error:
+
+    =================================  ==========================================================
+    they gain by moves beside it       moves; lost motion of each joint too, if they gain by that
+    worse with the moves               lost motion of each joint
+    worse with lost motion             the moves
+    alike, beside a joint's own        the moves
+    alike                              the better of both, the other its alternative
+    =================================  ==========================================================
+
+    Args:
+        context: that of the campaign.
+        check: about the model without any of it.
+        lost: lost motion of the joints that need it.
+        found: effects of moves, and lost motion of single joints that stands beside them.
+        before: lost motion of single joints that was found without any effect of moves.
+    """
+    moves = tuple(each for each in found if isinstance(each.effect, AlongMove))
+    with_moves, with_found = _squares(check, moves), _squares(check, found)
+    of_moves = [each.effect for each in moves]
+    former = _by_place((*found, *before))
+    if check.gains_a_share(lost.squares, check.squares([*of_moves, lost.effect])):
+        beside = _of_joints_that_need_it(context, check, of_moves)
+        if not _helps(check, with_moves, beside.squares):
+            return _with_rival(check, found, with_found, lost)
+        moves = _with_rival(check, moves, beside.squares, lost)
+        proof = proof_of(with_moves, beside.squares)
+        return (*moves, *_by_joint(check, beside, proof, former, ()))
+    if not as_good(with_found.total, lost.squares.total):
+        proof = proof_of(check.squares(), lost.squares)
+        return _by_joint(check, lost, proof, former, found)
+    if len(found) > 1 or not as_good(lost.squares.total, with_found.total):
+        return _with_rival(check, found, with_found, lost)
+    return (_either(check, found[0], with_found, lost),)
+
+
+def _by_place(judged: Sequence[Judged]) -> dict[str, Judged]:
+    """Return what was found by where it sits."""
+    return {each.effect.of: each for each in judged}
+
+
+def _squares(check: InterleavedCheck, judged: Sequence[Judged]) -> SquaresByBlock:
+    """Return the squares of left-out poses with what was found in the model."""
+    return check.squares([each.effect for each in judged])
+
+
+def _best_move(check: InterleavedCheck, candidates: Sequence[AlongMove]) -> tuple[Judged, ...]:
+    """Return the effect of moves that predicts left-out poses best; none without candidates.
+
+    The others are its rivals.
+    """
+    if not candidates:
+        return ()
+    squares = {each: check.squares([each]) for each in candidates}
+    best, *others = sorted(squares, key=lambda each: float(squares[each].total.sum()))
+    alternatives = (each for each in others if as_good(squares[each].total, squares[best].total))
+    rivals = (Rival(each, check.nats(squares[best], squares[each])) for each in others)
+    proof = proof_of(check.squares(), squares[best])
+    return (Judged(best, proof, tuple(alternatives), tuple(rivals)),)
+
+
+class _LostMotion(NamedTuple):
+    """Lost motion of some joints, which may be none, tried on left-out poses."""
+
     effect: LostMotion
     squares: SquaresByBlock  # of left-out poses with it
 
 
 def _of_joints_that_need_it(
     context: CandidateContext, check: InterleavedCheck, beside: Sequence[Effect] = ()
-) -> _Tried | None:
-    """Return lost motion of the joints that have it; None where all together gain too little.
+) -> _LostMotion:
+    """Return lost motion of the joints that have it, whether or not they gain enough together.
 
     Where it would be negative, or left-out poses are predicted as well without it, a joint has
     none; the least needed one leaves first.
     """
-    without = check.squares(beside)
     tried = _tried(check, driven_joints(context), beside)
     while tried.effect.joints:
         less = [_tried(check, _all_but(joint, tried), beside) for joint in tried.effect.joints]
@@ -90,37 +169,114 @@ def _of_joints_that_need_it(
             if amount <= 0.0 or as_good(one.squares.total, tried.squares.total)
         ]
         if not idle:
-            contradict = any(map(surely_worse, without.by_kind - tried.squares.by_kind))
-            helps = check.gains_a_share(without, tried.squares) and not contradict
-            return tried if helps else None
+            break
         tried = min(idle, key=lambda one: float(one.squares.total.sum()))
-    return None
+    return tried
 
 
-def _tried(check: InterleavedCheck, joints: tuple[int, ...], beside: Sequence[Effect]) -> _Tried:
-    """Return lost motion of some joints, which may be none, tried on left-out poses."""
+def _helps(check: InterleavedCheck, without: SquaresByBlock, squares: SquaresByBlock) -> bool:
+    """Return whether left-out poses gain what the search requires, and neither kind loses."""
+    contradict = any(map(surely_worse, without.by_kind - squares.by_kind))
+    return check.gains_a_share(without, squares) and not contradict
+
+
+def _tried(
+    check: InterleavedCheck, joints: tuple[int, ...], beside: Sequence[Effect]
+) -> _LostMotion:
+    """Return lost motion of some joints, beside other effects."""
     effect = LostMotion("arm", joints)
-    return _Tried(effect, check.squares([*beside, effect] if joints else beside))
+    return _LostMotion(effect, check.squares([*beside, effect] if joints else beside))
 
 
-def _all_but(joint: int, tried: _Tried) -> tuple[int, ...]:
+def _all_but(joint: int, tried: _LostMotion) -> tuple[int, ...]:
     """Return the joints of what was tried but for one."""
     return tuple(other for other in tried.effect.joints if other != joint)
 
 
-def _by_joint(effect: LostMotion, proof: BlockPrediction) -> tuple[Judged, ...]:
-    """Return lost motion joint by joint, each by the evidence of all."""
-    return tuple(Judged(each, proof, ()) for each in effect.of_each)
+def _by_joint(
+    check: InterleavedCheck,
+    lost: _LostMotion,
+    proof: BlockPrediction,
+    former: Mapping[str, Judged],
+    instead: Sequence[Judged],
+) -> tuple[Judged, ...]:
+    """Return lost motion joint by joint, each by the evidence of all.
+
+    A joint that had lost motion before keeps the rivals and alternatives that it had. Effects of
+    moves are not among these, but as they compare with lost motion of all.
+
+    Args:
+        check: of the model without any of it.
+        lost: lost motion of all the joints.
+        proof: how left-out poses are predicted without it and with it.
+        former: what was found before, by where it sits.
+        instead: effects of moves that lost motion replaces, and what was found beside them.
+    """
+    found = []
+    for effect in lost.effect.of_each:
+        never_tried = Judged(effect, proof, alternatives=(), rivals=())
+        own = former.get(effect.of, never_tried)
+        # With the moves, less this joint's own lost motion.
+        others = [each for each in instead if each.effect.of != effect.of]
+        nats = check.nats(lost.squares, _squares(check, others))
+        rivals = [each for each in own.rivals if not isinstance(each.effect, AlongMove)]
+        for move in others:
+            if isinstance(move.effect, AlongMove):
+                rivals += _with_its_rivals(move, nats)
+        alternatives = tuple(e for e in own.alternatives if not isinstance(e, AlongMove))
+        found.append(Judged(effect, proof, alternatives, tuple(rivals)))
+    return tuple(found)
+
+
+def _with_its_rivals(move: Judged, nats: Array) -> list[Rival]:
+    """Return an effect of moves and its rivals as rivals of lost motion.
+
+    But for lost motion of single joints, which is a part of that.
+
+    Args:
+        move: the effect.
+        nats: (B,) its score less that of lost motion.
+    """
+    others = [
+        Rival(each.effect, each.by_block(len(nats)) + nats, each.prior_odds)
+        for each in move.rivals
+        if not isinstance(each.effect, Backlash)
+    ]
+    return [Rival(move.effect, nats), *others]
+
+
+def _with_rival(
+    check: InterleavedCheck, judged: Sequence[Judged], squares: SquaresByBlock, lost: _LostMotion
+) -> tuple[Judged, ...]:
+    """Return what stands against lost motion of all joints, with that among its rivals.
+
+    Lost motion of a joint stays a part of that of all, and is no rival of it.
+
+    Args:
+        check: of the model without any of it.
+        judged: what stands.
+        squares: of left-out poses with it.
+        lost: what was tried.
+    """
+    if not lost.effect.joints:
+        return tuple(judged)
+    rival = Rival(lost.effect, check.nats(squares, lost.squares))
+    return tuple(
+        each
+        if isinstance(each.effect, Backlash) and each.effect.joint in lost.effect.joints
+        else replace(each, rivals=(*each.rivals, rival))
+        for each in judged
+    )
 
 
 def _either(
-    check: InterleavedCheck, move: Judged, with_move: SquaresByBlock, tried: _Tried
+    check: InterleavedCheck, move: Judged, with_move: SquaresByBlock, lost: _LostMotion
 ) -> Judged:
     """Return the better of an effect of moves and lost motion, the other its alternative."""
-    if with_move.total.sum() <= tried.squares.total.sum():
-        rival = Rival(tried.effect, check.nats(with_move, tried.squares))
-        alternatives = (*move.alternatives, tried.effect)
-        return replace(move, alternatives=alternatives, rivals=(*move.rivals, rival))
-    rival = Rival(move.effect, check.nats(tried.squares, with_move))
-    proof = proof_of(check.squares(), tried.squares)
-    return Judged(tried.effect, proof, (move.effect,), (rival,))
+    if with_move.total.sum() <= lost.squares.total.sum():
+        (move,) = _with_rival(check, [move], with_move, lost)
+        return replace(move, alternatives=(*move.alternatives, lost.effect))
+    rivals = _with_its_rivals(move, check.nats(lost.squares, with_move))
+    proof = proof_of(check.squares(), lost.squares)
+    others = (each for each in move.alternatives if not isinstance(each, Backlash))
+    return Judged(lost.effect, proof, (move.effect, *others), tuple(rivals))

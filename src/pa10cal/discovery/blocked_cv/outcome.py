@@ -8,14 +8,13 @@ repeats that with lines of gears, wobbling axes, and motion in time that its res
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
-from pa10cal.arrays import Array
 from pa10cal.discovery.blocked_cv.bands import InBands, in_bands
 from pa10cal.discovery.blocked_cv.block_rows import (
     BlockedRows,
@@ -33,11 +32,17 @@ from pa10cal.discovery.blocked_cv.interleaved_check import (
     steady_courses,
 )
 from pa10cal.discovery.blocked_cv.judge import Judged, gains_of_others, judged_members
-from pa10cal.discovery.blocked_cv.linear_fit import LinearFit, linear_fit, refine_maps
+from pa10cal.discovery.blocked_cv.linear_fit import (
+    HeldOut,
+    LinearFit,
+    held_out,
+    linear_fit,
+    refine_maps,
+)
 from pa10cal.discovery.blocked_cv.lost_motion import lost_motion_instead, stand_for_lost_motion
 from pa10cal.discovery.blocked_cv.refit import Refit, refit
 from pa10cal.discovery.blocked_cv.search import Search
-from pa10cal.discovery.blocked_cv.survey import Survey
+from pa10cal.discovery.blocked_cv.survey import Survey, interleaved_blocks
 from pa10cal.discovery.changed import Change, change_of, rivals_of_steps
 from pa10cal.discovery.finding import Untestable
 from pa10cal.discovery.in_time import in_time_of
@@ -51,6 +56,7 @@ from pa10cal.discovery.rules import LINES, MAPS
 from pa10cal.discovery.target_wander import target_wander
 from pa10cal.observe.points import keep_their_distances
 from pa10cal.results.discovery import Tried
+from pa10cal.terms.effects.arrivals import AlongMove, LostMotion
 from pa10cal.terms.effects.effect import Effect, is_effect
 from pa10cal.terms.effects.joint import GearLine
 from pa10cal.terms.effects.joint_error_map import is_error_map
@@ -69,9 +75,7 @@ class SearchOutcome:
     judged: tuple[Judged, ...]  # each of the effects
     nameless: tuple[Effect, ...]  # generic effects that the search chose: not in the model
     tried: tuple[Tried, ...]  # what each candidate that was not chosen would still gain
-    errors_mm: Array  # (P,) position errors of held-out blocks
-    # the error of held-out positions that noise and uncertain estimates make, over that of noise
-    expected_over_noise: float
+    held_out: HeldOut  # position errors of poses, by a model with these effects
     hidden: tuple[Untestable, ...]  # effects that these data cannot show
     below_detection_limit: tuple[Untestable, ...]
     candidates: int  # how many effects were tried
@@ -103,7 +107,8 @@ def search_survey(survey: Survey) -> SearchOutcome:
         found = _without_idle_lag(found, check, [each.effect for each in added])
     elif stand_ins := stand_for_lost_motion(found.judged):
         rest = _without_effects(found, stand_ins)
-        instead = lost_motion_instead(survey.context, rest.interleaved_check, stand_ins)
+        moves = [e.effect for e in found.rows.shaped if isinstance(e.effect, AlongMove)]
+        instead = lost_motion_instead(survey.context, rest.interleaved_check, stand_ins, moves)
         found = found if instead == stand_ins else with_effects_added(rest, instead)
     bands = in_bands(found.rows, found.linear_fit)
     if bands is not None:
@@ -151,9 +156,7 @@ def _searched(rows: BlockedRows) -> SearchOutcome:
         if with_rivals.members[k].effect.generic:  # rivals are not in the model
             chosen = chosen.without_member(k)
     judged, errors_mm = judged_members(rows, search, chosen, with_rivals)
-    measured = rows.survey.poses.measured
-    position_rows = measured.components_seen[:, measured.position_columns].sum()
-    expected_over_noise = (1.0 + chosen.squares_of_estimates / position_rows) ** 0.5
+    errors = HeldOut.of(rows.survey, errors_mm, chosen.squares_of_estimates)
     members = tuple(member.shaped for member in chosen.members)
     effect_count, least_gain = search.effect_count, search.least_gain
     below = below_detection_limit(known, search.is_surely_found)
@@ -165,8 +168,7 @@ def _searched(rows: BlockedRows) -> SearchOutcome:
         judged=judged,
         nameless=nameless,
         tried=others,
-        errors_mm=errors_mm,
-        expected_over_noise=float(expected_over_noise),
+        held_out=errors,
         hidden=known.hidden,
         below_detection_limit=below,
         candidates=effect_count,
@@ -192,11 +194,14 @@ def _without_effects(found: SearchOutcome, removed: Sequence[Judged]) -> SearchO
 
 
 def with_effects_added(found: SearchOutcome, added: Sequence[Judged]) -> SearchOutcome:
-    """Return the outcome with more effects; each replaces one of the same name that was found."""
+    """Return the outcome with more effects; each replaces one of the same name that was found.
+
+    What held-out poses are off is that of the model with them.
+    """
     if not added:
         return found
     names = {(each.effect.id, each.effect.of) for each in added}
-    places = {each.effect.of for each in added if by_arrival(each.effect)}
+    places = {place for each in added for place in _places_of_arrival(each.effect)}
     in_time = any(each.effect.depends_on for each in added)
     kept = [k for k, each in enumerate(found.linear_fit.members) if each.name not in names]
     members = (
@@ -208,14 +213,30 @@ def with_effects_added(found: SearchOutcome, added: Sequence[Judged]) -> SearchO
         """Return whether it is no form of what was added: that was tried in vain, and helped."""
         return (each.id, each.of) not in names and not (by_arrival(each) and each.of in places)
 
+    def is_still_nameless(each: Effect) -> bool:
+        """Return whether nothing that was added is the cause of a generic effect."""
+        of_arrival = by_arrival(each) and each.of in places
+        return not (of_arrival or (in_time and each.depends_on))
+
+    fit, rows = linear_fit(found.rows, members), found.rows
+    if in_time:  # stretches of time that are left out hardly show it
+        interleaved = replace(rows.survey, block=interleaved_blocks(len(rows.survey.poses)))
+        rows = replace(rows, survey=interleaved)
     return replace(
         found,
         judged=(*(found.judged[k] for k in kept), *added),
-        # the same motion is not reported twice
-        nameless=tuple(each for each in found.nameless if not (in_time and each.depends_on)),
+        nameless=tuple(filter(is_still_nameless, found.nameless)),
         tried=tuple(filter(is_still_tried, found.tried)),
-        linear_fit=linear_fit(found.rows, members),
+        linear_fit=fit,
+        held_out=held_out(rows, fit),
     )
+
+
+def _places_of_arrival(effect: Effect) -> Collection[str]:
+    """Return the joints, such as `joint 2`, that arrive elsewhere by an effect."""
+    if isinstance(effect, AlongMove | LostMotion):
+        return [f"joint {joint}" for joint in effect.joints]
+    return [effect.of] if by_arrival(effect) else []
 
 
 class SearchWithMotion(NamedTuple):
