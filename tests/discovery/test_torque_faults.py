@@ -20,13 +20,13 @@ STATED_N = np.resize([0.0, 22.0, 40.0], 240)
 NOISE_NM = 0.1
 
 
-def told(load_N=STATED_N, tool=TOOL, gains=1.0, stated=TOOL, seed=3):
+def told(load_N=STATED_N, tool=TOOL, gains=1.0, stated=TOOL, seed=3, noise_Nm=NOISE_NM):
     """Return the faults of a campaign whose joints hold other weights than it states."""
     rng = np.random.default_rng(seed)
     q_rad = rng.uniform(-1.5, 1.5, (len(STATED_N), ARM.n))
     at = Chain.of(ARM).coordinates(q_rad)
     tau_Nm = gains * statics(Chain.of(ARM), at, load_N, tool).joint_Nm
-    tau_Nm += NOISE_NM * rng.standard_normal(tau_Nm.shape)
+    tau_Nm += noise_Nm * rng.standard_normal(tau_Nm.shape)
     arrival, time_s = rng.choice([-1.0, 1.0], q_rad.shape), np.arange(len(q_rad)) * 1.0
     states = at_rest(q_rad, tau_Nm=tau_Nm, arrival=arrival, load_N=STATED_N, time_s=time_s)
     poses = measured_poses(
@@ -45,6 +45,10 @@ def told(load_N=STATED_N, tool=TOOL, gains=1.0, stated=TOOL, seed=3):
 def test_right_weights_are_not_accused_whatever_scale_and_masses(seed):
     gains = 1.0 + 0.03 * np.random.default_rng(seed).standard_normal(ARM.n)
     assert told(gains=gains, seed=seed) == ()
+
+
+def test_torques_exactly_as_calculated_accuse_nothing():
+    assert told(noise_Nm=0.0) == ()
 
 
 def test_one_load_of_three_is_told():

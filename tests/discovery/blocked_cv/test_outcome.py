@@ -2,9 +2,17 @@
 
 from dataclasses import replace
 
+import numpy as np
+import pytest
+
 import made_up_survey
 from pa10cal.arm.description import weights_known
+from pa10cal.arrays import rms
 from pa10cal.discovery.blocked_cv import outcome
+from pa10cal.discovery.blocked_cv.judge import Judged
+from pa10cal.discovery.blocked_cv.linear_fit import held_out
+from pa10cal.discovery.blocked_cv.survey import interleaved_blocks
+from pa10cal.terms.effects.over_time import BaseDrift
 from pa10cal.terms.effects.structure import AxisWobble
 
 
@@ -20,3 +28,25 @@ def test_a_wobble_at_a_link_that_does_not_bend_in_the_baseline_is_judged(monkeyp
     monkeypatch.setattr(outcome, "wobbles", lambda *_: next(shown))
     assert outcome.search_with_motion(survey).outcome.extended.effects == ()
     assert next(shown, None) is None  # others were sought beside it
+
+
+@pytest.fixture(scope="module")
+def plain():
+    return outcome.search_survey(made_up_survey.observe(poses=110, held_out=0).survey)
+
+
+def test_the_error_of_held_out_blocks_is_that_of_the_search_where_nothing_is_added(plain):
+    again = held_out(plain.rows, plain.linear_fit)
+    np.testing.assert_array_equal(again.block, plain.survey.block)
+    np.testing.assert_allclose(again.errors_mm, plain.held_out.errors_mm, rtol=0.02, atol=1e-4)
+    assert again.expected_over_noise == pytest.approx(plain.held_out.expected_over_noise, rel=0.01)
+
+
+def test_with_a_drift_it_is_that_of_interleaved_blocks_by_the_model_that_has_it(plain):
+    time_s = plain.survey.poses.states.time_s
+    drift = BaseDrift("base", time_s.min(), time_s.max(), 6)
+    found = outcome.with_effects_added(plain, [Judged(drift, None, ())])
+    assert found.extended.effects == (drift,)
+    np.testing.assert_array_equal(found.held_out.block, interleaved_blocks(len(time_s)))
+    left_out = plain.interleaved_check.squares([drift]).rms_mm
+    assert rms(found.held_out.errors_mm) == pytest.approx(left_out, rel=0.03)

@@ -61,6 +61,10 @@ def test_a_slow_drift_is_found_with_its_course(drifted):
     assert (finding.id, finding.of, finding.effect.waves) == ("base_drift", "base", 6)
     assert drifted.scorer.survey.wander is None
     assert finding.proof.gain > 5.0 * finding.proof.gain_std
+    assert drifted.verdict == "named"
+    remaining = drifted.scorer.remaining
+    assert remaining.rms_mm == pytest.approx(finding.proof.rms_with_mm, rel=0.03)
+    assert remaining.mean_mm < 1.05 * remaining.expected_mm
     assert finding.proof.rms_with_mm < finding.proof.rms_without_mm
     states = drifted.scorer.survey.poses.states
     part = (states.time_s - states.time_s[0]) / np.ptp(states.time_s)

@@ -70,7 +70,8 @@ class ByBlocks(Scorer):
     """Judges effects by how well held-out blocks of poses are predicted."""
 
     survey: Survey  # the campaign as it was judged
-    remaining: Remaining  # position error of the held-out blocks, and what else was tried on it
+    # position error of held-out blocks by a model with the effects found, and what else was tried
+    remaining: Remaining
     least_gain: float  # sum of squares by which an effect must help at least
     extended: Refit  # the model with the effects found
     noise: Noise  # of single readings
@@ -155,8 +156,9 @@ class ByBlocks(Scorer):
         by_fitted, by_held = rows.by_own_terms(fitted), rows.by_effects(held)
         residual = rows.measured_less_predicted()
         noise_share = min(1.0, (self.remaining.floor_mm / self.remaining.mean_mm) ** 2)
-        # The rows are of a model without what is held, and with the weights as described: the prior
-        # of the arm's weights is about these.
+        # Data are the residual and what fitted weights and held effects predict now: the rows are
+        # of a model without what is held, and with the weights as described, about which the prior
+        # of the arm's weights is.
         data = residual
         sizes = possible_sizes(at.model)
         for term, columns in zip(fitted, by_fitted, strict=True):
@@ -350,7 +352,7 @@ def discover_by_blocks(campaign: Prepared) -> Verdict[ByBlocks]:
     return ahead if _is_better(ahead, found) else found
 
 
-def _without_spring_for_another(found: Verdict[ByBlocks]) -> Verdict[ByBlocks]:
+def _without_spring_for_another(first: Verdict[ByBlocks]) -> Verdict[ByBlocks]:
     """Return the verdict of a search about rigid joints, where springs stand for other effects.
 
     A calibration has springs alone for what turns a joint, and one that took up a part of another
@@ -358,23 +360,20 @@ def _without_spring_for_another(found: Verdict[ByBlocks]) -> Verdict[ByBlocks]:
     effect nearly helps; the joint's compliance is among the candidates again. Where maps were
     found, as only many poses show them, a spring hides nothing.
     """
-    if any(is_error_map(effect) for effect in found.scorer.extended.effects):
-        return found
-    scorer, held = found.scorer, {finding.of for finding in found.findings}
-    nearly = {
-        each.of for each in scorer.remaining.tried if each.gain > HALF_WIDTH_95 * each.gain_std
-    }
-    for spring in filter(is_spring, found.baseline.model.terms):
+    campaign, extended, best = first.prepared, first.scorer.extended, first
+    if any(is_error_map(effect) for effect in extended.effects):
+        return first
+    held, tried = {finding.of for finding in first.findings}, first.scorer.remaining.tried
+    nearly = {each.of for each in tried if each.gain > HALF_WIDTH_95 * each.gain_std}
+    for spring in filter(is_spring, first.baseline.model.terms):
         if spring.of not in nearly - held:
             continue
-        rigid = without_spring(found.baseline, spring)
-        ahead = _searched(
-            found.prepared, survey_about(found.prepared, rigid, scorer.extended.weights)
-        )
+        rigid = without_spring(first.baseline, spring)
+        ahead = _searched(campaign, survey_about(campaign, rigid, extended.weights))
         names = {(each.id, each.of) for each in ahead.findings if not each.effect.yields}
-        if any(of == spring.of for _, of in names) and _is_better(ahead, found):
-            found = ahead
-    return found
+        if any(of == spring.of for _, of in names) and _is_better(ahead, best):
+            best = ahead
+    return best
 
 
 def _weights_explain(found: Verdict[ByBlocks]) -> bool:
