@@ -138,7 +138,9 @@ def test_a_joint_keeps_what_was_tried_in_its_place(of_move):
     check = MadeUp(of_move, 40.0, 241.0)
     score = Rival(FrictionTorque("joint 2", 100.0), np.full(BLOCKS, -0.1))
     settling = Rival(MoveSettling("arm", MOVE.joints), np.zeros(BLOCKS))
-    before = of_joint(2, check, (score, settling), (score.effect, settling.effect))
+    other = Rival(Backlash("joint 5"), np.zeros(BLOCKS))
+    rivals = (score, settling, other)
+    before = of_joint(2, check, rivals, [rival.effect for rival in rivals])
     found = {each.effect.of: each for each in instead_of(check, (before,))}
     assert set(found) == {f"joint {joint}" for joint in range(1, 7)}
     assert found["joint 2"].alternatives == (score.effect,)

@@ -30,7 +30,12 @@ def stand_for_lost_motion(judged: Sequence[Judged]) -> tuple[Judged, ...]:
 
     Those of moves, and lost motion of single joints.
     """
-    return tuple(each for each in judged if isinstance(each.effect, AlongMove | Backlash))
+    return tuple(each for each in judged if _is_judged_here(each.effect))
+
+
+def _is_judged_here(effect: Effect) -> bool:
+    """Return whether an effect is of moves, or lost motion of a joint."""
+    return isinstance(effect, AlongMove | Backlash)
 
 
 def lost_motion_instead(
@@ -53,7 +58,10 @@ def lost_motion_instead(
         candidates: the effects of moves that the campaign may show.
     """
     lost, with_found = _of_joints_that_need_it(context, check), _squares(check, found)
-    gains = _helps(check, check.squares(), lost.squares)
+    without = check.squares()
+    if _contradicts(without, lost.squares):
+        return found
+    gains = check.gains_a_share(without, lost.squares)
     if any(isinstance(each.effect, AlongMove) for each in found):
         if not gains:
             return _with_rival(check, found, with_found, lost)
@@ -63,14 +71,14 @@ def lost_motion_instead(
         return _with_rival(check, found, with_found, lost)
     moves = _best_move(check, candidates)
     with_move = _squares(check, moves)
-    move_helps = _helps(check, check.squares(), with_move)
+    move_helps = _helps(check, without, with_move)
     if not more:
         if not (move_helps and as_good(with_move.total, with_found.total)):
             return found
-        joints = tuple(joint_of(each.effect.of) for each in found)
+        joints = tuple(sorted(joint_of(each.effect.of) for each in found))
         lost = _LostMotion(LostMotion("arm", joints), with_found)
     if not move_helps:
-        proof = proof_of(check.squares(), lost.squares)
+        proof = proof_of(without, lost.squares)
         return _by_joint(check, lost, proof, _by_place(found), moves)
     return _against_moves(context, check, lost, moves, found)
 
@@ -176,8 +184,12 @@ def _of_joints_that_need_it(
 
 def _helps(check: InterleavedCheck, without: SquaresByBlock, squares: SquaresByBlock) -> bool:
     """Return whether left-out poses gain what the search requires, and neither kind loses."""
-    contradict = any(map(surely_worse, without.by_kind - squares.by_kind))
-    return check.gains_a_share(without, squares) and not contradict
+    return check.gains_a_share(without, squares) and not _contradicts(without, squares)
+
+
+def _contradicts(without: SquaresByBlock, squares: SquaresByBlock) -> bool:
+    """Return whether positions or orientations are predicted worse with something."""
+    return any(map(surely_worse, without.by_kind - squares.by_kind))
 
 
 def _tried(
@@ -202,8 +214,9 @@ def _by_joint(
 ) -> tuple[Judged, ...]:
     """Return lost motion joint by joint, each by the evidence of all.
 
-    A joint that had lost motion before keeps the rivals and alternatives that it had. Effects of
-    moves are not among these, but as they compare with lost motion of all.
+    A joint that had lost motion before keeps the rivals and alternatives that it had, but for what
+    is judged here: effects of moves, as they compare with lost motion of all, and lost motion of
+    other joints, which is known now.
 
     Args:
         check: of the model without any of it.
@@ -219,11 +232,11 @@ def _by_joint(
         # With the moves, less this joint's own lost motion.
         others = [each for each in instead if each.effect.of != effect.of]
         nats = check.nats(lost.squares, _squares(check, others))
-        rivals = [each for each in own.rivals if not isinstance(each.effect, AlongMove)]
+        rivals = [each for each in own.rivals if not _is_judged_here(each.effect)]
         for move in others:
             if isinstance(move.effect, AlongMove):
                 rivals += _with_its_rivals(move, nats)
-        alternatives = tuple(e for e in own.alternatives if not isinstance(e, AlongMove))
+        alternatives = tuple(e for e in own.alternatives if not _is_judged_here(e))
         found.append(Judged(effect, proof, alternatives, tuple(rivals)))
     return tuple(found)
 
