@@ -97,8 +97,8 @@ def _against_moves(
     =================================  ==========================================================
     they gain by moves beside it       moves; lost motion of each joint too, if they gain by that
     worse with the moves               lost motion of each joint
-    worse with lost motion             the moves
-    alike, beside a joint's own        the moves
+    worse with lost motion             what was found
+    alike, a single joint's beside     the moves, and that
     alike                              the better of both, the other its alternative
     =================================  ==========================================================
 
@@ -216,7 +216,8 @@ def _by_joint(
 
     A joint that had lost motion before keeps the rivals and alternatives that it had, but for what
     is judged here: effects of moves, as they compare with lost motion of all, and lost motion of
-    other joints, which is known now.
+    other joints, which is known now. Scores are those of the search. Beside lost motion of all
+    others, most joints gain so little that what explains nothing would do as well in their place.
 
     Args:
         check: of the model without any of it.
