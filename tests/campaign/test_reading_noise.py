@@ -10,7 +10,12 @@ from made_up_poses import states_of
 from pa10cal.arm.chain import Chain
 from pa10cal.arrays import homogeneous
 from pa10cal.campaign.read import read_campaign
-from pa10cal.campaign.reading_noise import Uncertainty, Unstated, with_noise_shown
+from pa10cal.campaign.reading_noise import (
+    Uncertainty,
+    Unstated,
+    distances,
+    with_noise_shown,
+)
 from pa10cal.files.arms import load_arm
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.points import Points
@@ -104,6 +109,13 @@ def test_noise_grows_with_the_distance(power, words):
     sizes = np.sqrt(np.diagonal(found.readings.measured.cov, axis1=1, axis2=2))[:, 0]
     np.testing.assert_allclose(sizes / sizes.mean(), growth / growth.mean(), rtol=2e-3)
     assert words in found.notes[0]
+
+
+def test_a_target_at_the_origin_of_the_frame_is_not_infinitely_certain():
+    T = truth(away_m=1.4)
+    T[0, :3, 3] = 0.0
+    away_m = distances(poses(T, 2e-4))
+    assert away_m[0] == pytest.approx(0.1 * np.median(away_m))
 
 
 def test_axes_that_hardly_differ_are_as_stated():

@@ -42,6 +42,8 @@ _MOST_ROUNDS, _SAME_SCATTER = 60, 0.005
 #: Powers of the distance that positions may scatter by: of an angle, and of triangulation in depth
 #: (physics); and the gain in log likelihood that one needs [nat] (level).
 _POWERS, _GAIN = (1, 2), 6.0
+#: Distances below this part of the usual one count as that (size).
+_NEAREST = 0.1
 #: Scatter below this part of what is stated is rounding, not noise (computing).
 _LEAST_PART = 0.01
 
@@ -210,8 +212,12 @@ def _scatter_of(
 
 
 def distances(measured: Instrument) -> Array:
-    """Return the mean distance of the targets from the origin of their frame in P poses, (P,)."""
-    return np.asarray(np.nanmean(np.linalg.norm(measured.places_m, axis=2), axis=1))
+    """Return the mean distance of the targets from the origin of their frame in P poses, (P,).
+
+    No less than a part of the usual one: noise does not vanish at the origin.
+    """
+    away_m = np.nanmean(np.linalg.norm(measured.places_m, axis=2), axis=1)
+    return np.asarray(np.maximum(away_m, _NEAREST * np.median(away_m)))
 
 
 def _scatter_by(by_axis: Sequence[Array], distance_m: Array, least: Array) -> _Scatter:
