@@ -396,8 +396,12 @@ def test_a_model_that_fits_nowhere_is_a_warning(tmp_path, kind, right, wrong, of
     raw = sighted(tmp_path, kind)
     raw.poses[0] = raw.poses[0].replace(right, wrong)
     ingested = ingest(raw)
-    (warning,) = ingested.warnings
+    warning, *of_targets = ingested.warnings
     assert f" {off} " in warning
+    # Exact targets keep their distances, which is told as well.
+    assert ["were computed from one pose" in each for each in of_targets] == [True] * (
+        kind == "points"
+    )
     assert "signs and zeros of the joints" in warning
     assert not any("in the median" in note for note in ingested.notes)
 

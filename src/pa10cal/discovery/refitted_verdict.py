@@ -100,9 +100,9 @@ def unfit(finding: Finding, model: FittedModel, states: PoseStates | None = None
         yield f"its {names} would be negative, which is not physical"
     if limits.values is not None:
         yield from _beyond(finding, limits.values, limits.why)
-    size = effect.size(x)
-    if size > NAMES.most_sizes and not _has_other_limits(limits, model):
-        yield f"it would be {size:.0f} times as large as is plausible"
+    least = _least_size(effect, model)
+    if least > NAMES.most_sizes and not _has_other_limits(limits, model):
+        yield f"it would be {effect.size(x):.0f} times as large as is plausible"
     if states is not None and limits.turn_rad is not None:
         x_whole, most_rad = model.values_of(effect), limits.turn_rad
         yield from _turns_too_far(finding, x_whole, states, most_rad, limits.why)
@@ -119,6 +119,19 @@ def _beyond(finding: Finding, values: tuple[float, float], why: str) -> Iterator
         value, half = float(finding.x[k]), float(half_widths[k])
         if value + half < low or value - half > high:
             yield f"its {each.name} would be {value:.2g} ± {half:.1g} {each.unit}: {why}"
+
+
+def _least_size(effect: Effect, model: FittedModel) -> float:
+    """Return the largest amount in plausible sizes, at the lower end of its 95 % interval."""
+    linear = slice(0, effect.linear)
+    amounts = np.linalg.solve(effect.prior_factor, model.values_of(effect)[linear])
+    if model.covariance is None:
+        return float(np.abs(amounts).max())
+    columns = model.model.columns_of(effect)
+    covariance = model.covariance[columns, columns][linear, linear]
+    inverse = np.linalg.inv(effect.prior_factor)
+    variance = np.maximum(np.diag(inverse @ covariance @ inverse.T), 0.0)
+    return float((np.abs(amounts) - HALF_WIDTH_95 * np.sqrt(variance)).max())
 
 
 def _has_other_limits(limits: Limits, model: FittedModel) -> bool:

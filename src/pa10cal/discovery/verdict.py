@@ -42,7 +42,6 @@ from pa10cal.results.calibration import EffectByCampaign
 from pa10cal.results.discovery import Explained, Separation, SuggestedPose, Unexplained
 from pa10cal.results.discovery import Verdict as Word
 from pa10cal.results.maps import JointWitness
-from pa10cal.terms.effects.arrivals import AlongMove
 from pa10cal.terms.effects.effect import CandidateContext, Effect
 from pa10cal.terms.effects.joint_error_map import is_error_map
 from pa10cal.terms.weights import is_fault
@@ -520,7 +519,7 @@ def with_unknown_cause(found: Verdict, finding: F) -> F:
     else:
         unknown = PROBABILITIES.unknown
     touched = found.prepared.readings.measured.from_touches
-    if touched and isinstance(finding.effect, AlongMove):
+    if touched and finding.effect.of_moves:
         unknown = max(unknown, PROBABILITIES.machine_reverses)
     size = _plausible_sizes(found, finding.effect) / PROBABILITIES.usual_sizes
     odds = max(1.0, size) ** PROBABILITIES.size_power * unknown

@@ -299,7 +299,7 @@ class LoadStated(WeightStated):
         return tuple(cls(f"load {load:g} N", calculated, load) for load in context.loads_N if load)
 
     words = "true load = (1 + part) {0.load_N:g} N"
-    reported = (TermParameter("part", "1", 1e-2, plausible=_LOAD_PART),)
+    reported = (TermParameter("part", "1", 1e-2, lower=-1.0, plausible=_LOAD_PART),)
 
     def per_unit(self, states: PoseStates) -> Array:
         load_N = np.where(states.load_N == self.load_N, self.load_N, 0.0)
@@ -343,7 +343,7 @@ class ToolStated(WeightStated):
         """Return mass and first moment about the stated centre, along the flange's axes."""
         any_kg = MASSES.unknown_tool_share * self.arm_kg
         size_kg = max(_TOOL_PART * self.tool_kg, any_kg)
-        mass = TermParameter("mass", "kg", 1e-2, plausible=size_kg)
+        mass = TermParameter("mass", "kg", 1e-2, lower=-self.tool_kg, plausible=size_kg)
         size = max(_TOOL_M * self.tool_kg, MASSES.unknown_tool_com_m * any_kg)
         return (mass, *(TermParameter(f"moment_{k}", "kg m", 1e-3, plausible=size) for k in "xyz"))
 

@@ -62,6 +62,7 @@ ONE_SIGN = {
     "link_growth",
     "link_torsion",
     "link_warm_up",
+    "lost_motion",
     "slide_bending",
     "soft_windup",
     "thermal_growth",

@@ -20,7 +20,7 @@ from pa10cal.discovery.blocked_cv.interleaved_check import (
 )
 from pa10cal.discovery.blocked_cv.judge import BlockPrediction, Judged
 from pa10cal.discovery.finding import Rival
-from pa10cal.terms.effects.arrivals import AlongMove, LostMotion
+from pa10cal.terms.effects.arrivals import LostMotion
 from pa10cal.terms.effects.effect import CandidateContext, Effect, driven_joints, joint_of
 from pa10cal.terms.effects.joint import Backlash
 
@@ -35,14 +35,14 @@ def stand_for_lost_motion(judged: Sequence[Judged]) -> tuple[Judged, ...]:
 
 def _is_judged_here(effect: Effect) -> bool:
     """Return whether an effect is of moves, or lost motion of a joint."""
-    return isinstance(effect, AlongMove | Backlash)
+    return effect.of_moves or effect.id == Backlash.id
 
 
 def lost_motion_instead(
     context: CandidateContext,
     check: InterleavedCheck,
     found: tuple[Judged, ...],
-    candidates: Sequence[AlongMove],
+    candidates: Sequence[Effect],
 ) -> tuple[Judged, ...]:
     """Return what to name in the place of effects of moves and of lost motion that were found.
 
@@ -62,7 +62,7 @@ def lost_motion_instead(
     if _contradicts(without, lost.squares):
         return found
     gains = check.gains_a_share(without, lost.squares)
-    if any(isinstance(each.effect, AlongMove) for each in found):
+    if any(each.effect.of_moves for each in found):
         if not gains:
             return _with_rival(check, found, with_found, lost)
         return _against_moves(context, check, lost, found)
@@ -109,7 +109,7 @@ def _against_moves(
         found: effects of moves, and lost motion of single joints that stands beside them.
         before: lost motion of single joints that was found without any effect of moves.
     """
-    moves = tuple(each for each in found if isinstance(each.effect, AlongMove))
+    moves = tuple(each for each in found if each.effect.of_moves)
     with_moves, with_found = _squares(check, moves), _squares(check, found)
     of_moves = [each.effect for each in moves]
     former = _by_place((*found, *before))
@@ -138,7 +138,7 @@ def _squares(check: InterleavedCheck, judged: Sequence[Judged]) -> SquaresByBloc
     return check.squares([each.effect for each in judged])
 
 
-def _best_move(check: InterleavedCheck, candidates: Sequence[AlongMove]) -> tuple[Judged, ...]:
+def _best_move(check: InterleavedCheck, candidates: Sequence[Effect]) -> tuple[Judged, ...]:
     """Return the effect of moves that predicts left-out poses best; none without candidates.
 
     The others are its rivals.
@@ -235,7 +235,7 @@ def _by_joint(
         nats = check.nats(lost.squares, _squares(check, others))
         rivals = [each for each in own.rivals if not _is_judged_here(each.effect)]
         for move in others:
-            if isinstance(move.effect, AlongMove):
+            if move.effect.of_moves:
                 rivals += _with_its_rivals(move, nats)
         alternatives = tuple(e for e in own.alternatives if not _is_judged_here(e))
         found.append(Judged(effect, proof, alternatives, tuple(rivals)))
@@ -254,7 +254,7 @@ def _with_its_rivals(move: Judged, nats: Array) -> list[Rival]:
     others = [
         Rival(each.effect, each.by_block(len(nats)) + nats, each.prior_odds)
         for each in move.rivals
-        if not isinstance(each.effect, Backlash)
+        if each.effect.id != Backlash.id
     ]
     return [Rival(move.effect, nats), *others]
 
@@ -276,9 +276,7 @@ def _with_rival(
         return tuple(judged)
     rival = Rival(lost.effect, check.nats(squares, lost.squares))
     return tuple(
-        each
-        if isinstance(each.effect, Backlash) and each.effect.joint in lost.effect.joints
-        else replace(each, rivals=(*each.rivals, rival))
+        each if each.effect in lost.effect.of_each else replace(each, rivals=(*each.rivals, rival))
         for each in judged
     )
 
@@ -292,5 +290,5 @@ def _either(
         return replace(move, alternatives=(*move.alternatives, lost.effect))
     rivals = _with_its_rivals(move, check.nats(lost.squares, with_move))
     proof = proof_of(check.squares(), lost.squares)
-    others = (each for each in move.alternatives if not isinstance(each, Backlash))
+    others = (each for each in move.alternatives if each.id != Backlash.id)
     return Judged(lost.effect, proof, (move.effect, *others), tuple(rivals))

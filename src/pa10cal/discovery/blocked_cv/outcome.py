@@ -56,7 +56,6 @@ from pa10cal.discovery.rules import LINES, MAPS
 from pa10cal.discovery.target_wander import target_wander
 from pa10cal.observe.points import keep_their_distances
 from pa10cal.results.discovery import Tried
-from pa10cal.terms.effects.arrivals import AlongMove, LostMotion
 from pa10cal.terms.effects.effect import Effect, is_effect
 from pa10cal.terms.effects.joint import GearLine
 from pa10cal.terms.effects.joint_error_map import is_error_map
@@ -107,7 +106,7 @@ def search_survey(survey: Survey) -> SearchOutcome:
         found = _without_idle_lag(found, check, [each.effect for each in added])
     elif stand_ins := stand_for_lost_motion(found.judged):
         rest = _without_effects(found, stand_ins)
-        moves = [e.effect for e in found.rows.shaped if isinstance(e.effect, AlongMove)]
+        moves = [e.effect for e in found.rows.shaped if e.effect.of_moves]
         instead = lost_motion_instead(survey.context, rest.interleaved_check, stand_ins, moves)
         found = found if instead == stand_ins else with_effects_added(rest, instead)
     bands = in_bands(found.rows, found.linear_fit)
@@ -234,9 +233,7 @@ def with_effects_added(found: SearchOutcome, added: Sequence[Judged]) -> SearchO
 
 def _places_of_arrival(effect: Effect) -> Collection[str]:
     """Return the joints, such as `joint 2`, that arrive elsewhere by an effect."""
-    if isinstance(effect, AlongMove | LostMotion):
-        return [f"joint {joint}" for joint in effect.joints]
-    return [effect.of] if by_arrival(effect) else []
+    return [f"joint {joint}" for joint in effect.arriving]
 
 
 class SearchWithMotion(NamedTuple):

@@ -60,6 +60,10 @@ class ArrivalError(effect.JointEffect):
         """Return how far beyond its command the joint stops, in every campaign."""
         return _of_each(self.campaigns, TermParameter("c", "rad", 1e-5, plausible=1e-4))
 
+    @property
+    def arriving(self) -> tuple[int, ...]:
+        return (self.joint,)
+
     def per_unit(self, states: PoseStates) -> Array:
         """Return the direction moved, in the column of the pose's campaign."""
         moved = states.move_from_previous[:, self.joint - 1]
@@ -101,13 +105,17 @@ class LostMotion(effect.Effect):
         )
 
     @property
+    def arriving(self) -> tuple[int, ...]:
+        return self.joints
+
+    @property
     def coordinates(self) -> tuple[str, ...]:
         return tuple(f"theta_{joint}" for joint in self.joints)
 
     @property
     def of_each(self) -> tuple[Backlash, ...]:
         """Return the same as effects of single joints."""
-        return tuple(Backlash(f"joint {joint}", OF_PLANETARY_RAD) for joint in self.joints)
+        return tuple(Backlash(f"joint {joint}") for joint in self.joints)
 
     def per_unit(self, states: PoseStates) -> Array:
         sides = states.arrival[:, [joint - 1 for joint in self.joints]]
@@ -128,6 +136,7 @@ class AlongMove(effect.Effect):
     campaigns: tuple[str, ...] = ()  # those of a group, each with an amount of its own
     #: The amount of a campaign.
     amount: ClassVar[TermParameter] = TermParameter("c", "rad", 1e-5, plausible=3e-4)
+    of_moves = True
     id = "along_move"
     varies_with = "the move before each pose"
     clauses = ("the log of joints and the readings are not of one instant",)
@@ -148,6 +157,10 @@ class AlongMove(effect.Effect):
     def elsewhere(self) -> Transferred:
         """Return the same of one campaign: there it has another amount."""
         return Transferred(replace(self, campaigns=()), same_amounts=False)
+
+    @property
+    def arriving(self) -> tuple[int, ...]:
+        return self.joints
 
     @property
     def coordinates(self) -> tuple[str, ...]:

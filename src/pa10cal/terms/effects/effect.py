@@ -109,7 +109,7 @@ _OF_JOINT: dict[str, Callable[[CandidateContext, int], Any]] = {
 
 
 #: Fields of effects that say how large one is expected to be, or in which range it is sought.
-_RANGES_AND_SIZES = frozenset({"plausible_rad", "rated_Nm", "span_Nm", "spectrum"})
+_RANGES_AND_SIZES = frozenset({"rated_Nm", "span_Nm", "spectrum"})
 
 
 @dataclass(frozen=True)
@@ -186,6 +186,8 @@ class Effect(Traits):
     #: Whether it is a smooth function that gives the place of a missing effect and no cause.
     generic: ClassVar[bool] = False
     role_in_search: ClassVar[RoleInSearch] = "candidate"
+    #: Whether it is a part of the move before each pose: of the log, so that no robot moves by it.
+    of_moves: ClassVar[bool] = False
     #: Whether it moves the link before its joint, for which `discovery/given` lets that link bend.
     on_link_before: ClassVar[bool] = False
 
@@ -278,6 +280,11 @@ class Effect(Traits):
         Asked by records of findings.
         """
         return None
+
+    @property
+    def arriving(self) -> tuple[int, ...]:
+        """Return the joints, from 1, that stand elsewhere by how they arrived."""
+        return ()
 
     @property
     def coordinates(self) -> tuple[str, ...]:

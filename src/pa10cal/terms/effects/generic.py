@@ -148,6 +148,10 @@ class DirectionMap(JointEffect):
         names = ("constant", *of_torque, "angle_1", "angle_2")
         return tuple(TermParameter(name, "rad", 1e-5, plausible=2e-4) for name in names)
 
+    @property
+    def arriving(self) -> tuple[int, ...]:
+        return (self.joint,)
+
     def per_unit(self, states: PoseStates) -> Array:
         q_rad = states.q_rad[:, self.joint - 1]
         parts = [np.ones((len(q_rad), 1)), _degrees(q_rad, self.span_rad, 2)]

@@ -78,7 +78,6 @@ class Backlash(effect.JointEffect):
     motor by half of the reversal error (ISO 230-2): b > 0.
     """
 
-    plausible_rad: float = field(default=3e-4, metadata={OPTIONAL: True})  # of b
     id = "backlash"
     sits = "driven joint"
     varies_with = "the direction of arrival"
@@ -89,11 +88,11 @@ class Backlash(effect.JointEffect):
         positive=True, values=(0.0, 8.7e-3), why="gears of arms have at most 1 deg of play"
     )
     words = "theta_{0.joint} -= b s_{0.joint}"
+    reported = (TermParameter("b", "rad", 1e-5, plausible=3e-4),)
 
     @property
-    def reported(self) -> tuple[TermParameter, ...]:
-        """Return half of the reversal error."""
-        return (TermParameter("b", "rad", 1e-5, plausible=self.plausible_rad),)
+    def arriving(self) -> tuple[int, ...]:
+        return (self.joint,)
 
     def per_unit(self, states: PoseStates) -> Array:
         return -states.arrival[:, self.joint - 1]
