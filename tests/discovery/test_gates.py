@@ -95,6 +95,18 @@ def test_a_size_that_is_not_plausible_is_no_name(wave):
     assert "10 times as large as is plausible" in reasons[0]
 
 
+def test_a_size_that_may_be_plausible_is_a_name(wave):
+    """Amounts are estimates: one at the edge is refused where its whole interval is beyond it."""
+    finding, model = made(wave.discovery)
+    x, at = model.values_of(finding.effect), model.model.columns_of(finding.effect)
+    amounts = np.linalg.solve(finding.effect.prior_factor, x)
+    factor = 1.1 * NAMES.most_sizes / np.abs(amounts).max()
+    std = np.sqrt(np.diag(model.covariance[at, at]))
+    tenth = 0.1 * factor * float((np.abs(x) / std).max())  # a standard uncertainty of a tenth
+    assert [*unfit(*made(wave.discovery, factor, tenth))] == []
+    assert [*unfit(*made(wave.discovery, factor, 0.1 * tenth))]
+
+
 @pytest.mark.parametrize(
     ("rate_z_m_h", "short", "refused"),
     [

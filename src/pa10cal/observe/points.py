@@ -105,10 +105,6 @@ class Points(Instrument):
     def noise_axes(self) -> Index:
         return np.tile(np.arange(3), len(self.names))
 
-    def along_noise_axes(self) -> Array:
-        b = 3 * len(self.names)
-        return np.tile(np.eye(b), (len(self), 1, 1))
-
     def with_noise_along_axes(self, u_place_m: Array | None, u_turn_rad: Array | None) -> Self:
         if u_place_m is None:
             return self

@@ -112,7 +112,7 @@ class Pose(Instrument):
 
     def along_noise_axes(self) -> Array:
         if self.inverse_axes is None:
-            return np.tile(np.eye(6), (len(self), 1, 1))
+            return super().along_noise_axes()
         # The inverse (R', p') of a pose (R, p) is (R^T, -R^T p): an error d of p' and a small left
         # rotation w of R' shift p by -R d + p x (R w) and turn R by -R w.
         R, p_m = self.T_instr_target[:, :3, :3] @ self.inverse_axes, self.T_instr_target[:, :3, 3]

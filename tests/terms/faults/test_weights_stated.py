@@ -58,6 +58,13 @@ def test_a_tool_stated_wrongly_may_be_any_where_torques_were_calculated():
     assert calculated.of_calculated
 
 
+@pytest.mark.parametrize("torques", ["logged", "masses"])
+def test_no_tool_and_no_load_weighs_less_than_nothing(torques):
+    (tool,), loads = of(ToolStated, torques=torques), of(LoadStated, torques=torques)
+    assert tool.reported[0].lower == -2.4
+    assert {load.reported[0].lower for load in loads} == {-1.0}
+
+
 def test_gravity_off_its_stated_direction_is_told_as_a_vector():
     tilt = np.radians(3.0)
     along = TOOL.gravity_m_s2[2] * np.array([0.0, np.sin(tilt), np.cos(tilt)])
