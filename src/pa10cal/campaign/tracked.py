@@ -109,15 +109,17 @@ def read_tracked(
     payload = description.payload(arm)
     readings, rounded_to = with_rounding(corrected.readings, beside_counts, arm, payload)
     chain, own = Chain.of(arm), readings.measured.stated_covariance
+    uncertain = _uncertain_as_joints(readings, chain)
     noise = with_noise_shown(
         readings,
         unstated,
         Uncertainty(description.stated.uncertainty_m, u_of_attitude(description.stated)),
         chain,
         payload,
-        _uncertain_as_joints(readings, chain).measured.stated_covariance - own,
+        uncertain.measured.stated_covariance - own,
     )
-    readings = _uncertain_as_joints(noise.readings, chain)
+    unchanged = noise.readings is readings
+    readings = uncertain if unchanged else _uncertain_as_joints(noise.readings, chain)
     averaged = with_stands_averaged(readings)
     listed += _left_out_of_stands(averaged, readings, raw.file, screen.line)
     refuse_too_many_lost()
