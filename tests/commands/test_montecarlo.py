@@ -106,6 +106,24 @@ def test_refusals(tmp_path, capsys, changes, message):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_plane_that_is_not_for_the_arm_is_recorded_as_not_studied_where_that_is_asked_for(
+    tmp_path, capsys
+):
+    words = [*arguments(tmp_path / "z1500.json", plane_mm=1500), "--skip-out-of-reach"]
+    assert run_command("montecarlo", words) == 0
+    why = "cannot reach this plane with its flange pointing down"
+    assert why in capsys.readouterr().out
+    found = json.loads((tmp_path / "z1500.json").read_text(encoding="utf-8"))
+    assert found["schema"] == "pa10cal-montecarlo-not-studied/1"
+    assert why in found["why"]
+    # another campaign of the arm takes that over too, under its own name
+    words = [word.replace("cell-a", "cell-b") for word in words]
+    words[words.index("--out") + 1] = str(tmp_path / "b/z1500.json")
+    assert run_command("montecarlo", [*words, "--same-arm", str(tmp_path)]) == 0
+    second = json.loads((tmp_path / "b/z1500.json").read_text(encoding="utf-8"))
+    assert second == found | {"campaign": "cell-b"}
+
+
 def test_planes_of_the_same_arm_are_taken_over_under_the_own_name(out, tmp_path, capsys):
     words = [word.replace("cell-a", "cell-b") for word in arguments(tmp_path / "z500.json")]
     assert run_command("montecarlo", [*words, "--same-arm", str(out.parent)]) == 0

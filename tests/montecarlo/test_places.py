@@ -72,6 +72,16 @@ def test_other_radii_are_tried_in_turn(pa10_chain):
     assert found.radius_m == pytest.approx(0.6)
 
 
+def test_a_flange_that_cannot_turn_down_points_up(make_arm):
+    """Two links in a horizontal plane: the flange's axis is upright in every posture."""
+    arm = make_arm([(0.4, 0.45, 0), (0.0, 0.45, 0), (0.0, 0.0, 0)], limit_rad=2.9)
+    found = reference_in_plane(Chain.of(arm), 0.4, (0.5, 0.9))
+    assert found.R_base_ee[2, 2] == 1.0
+    q_rad, reached = follow(Chain.of(arm), found, np.array([0.6]), np.array([0.3]))
+    assert reached.all()
+    assert Chain.of(arm).forward(q_rad)[0, 2, 2] == pytest.approx(1.0, abs=1e-9)
+
+
 def test_joints_without_limits_are_searched_over_a_turn(pa10_chain, reference):
     arm = pa10_chain.arm
     limits_rad = arm.limits_rad.copy()

@@ -47,5 +47,5 @@ rule montecarlo:
     shell:
         "python -m pa10cal montecarlo --campaign {params.name:q} --robot {params.robot:q}"
         " --campaign-dir {params.folder:q} --settings {params.settings:q} --out {params.out:q}"
-        " {params.same}"
+        " --skip-out-of-reach {params.same}"
         " 2>&1 | tee {log:q} >&2"

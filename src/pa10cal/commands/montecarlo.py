@@ -25,6 +25,7 @@ def montecarlo(
     plane_mm: int | None = None,
     campaign_dir: Path | None = None,
     same_arm: Path | None = None,
+    skip_out_of_reach: bool = False,
     settings: MonteCarloOptions = MonteCarloOptions(),
 ) -> None:
     """Study the position error from resolver uncertainty in horizontal planes.
@@ -36,6 +37,8 @@ def montecarlo(
         plane_mm: one plane alone: height of the flange above the base [mm].
         campaign_dir: folder that may hold a description of the arm.
         same_arm: results of another campaign of this arm with these settings, taken over from here.
+        skip_out_of_reach: whether a plane that is not for this arm is recorded as not studied,
+            with the reason, and not refused.
         settings: section montecarlo.
 
     Examples:
@@ -43,23 +46,36 @@ def montecarlo(
         pa10cal montecarlo --campaign mine --robot ur10 --plane-mm 500 --out z500.json \\
           --settings '{"cycles": 1000}'
     """
+    from pa10cal.errors import ArmError
     from pa10cal.files.arms import arm_asked
+    from pa10cal.montecarlo.places import OutOfReachError
     from pa10cal.montecarlo.plane import study_plane
-    from pa10cal.results.codec import read, write
-    from pa10cal.results.montecarlo import PlaneRecord
+    from pa10cal.results.codec import read, schema_of, write
+    from pa10cal.results.montecarlo import PlaneNotStudied, PlaneRecord
 
     arm = arm_asked(robot, campaign_dir)
     robot = arm.name
     for height_mm in settings.planes_mm if plane_mm is None else (plane_mm,):
-        if same_arm is None:
-            progress = _progress(f"montecarlo z = {height_mm} mm", settings.cycles)
-            record = study_plane(arm, height_mm, settings, campaign, robot, progress)
-        else:
-            path = same_arm / f"z{height_mm}.json"
-            record = read(PlaneRecord, path)
-            _refuse_other_study(record, robot, settings, path)
-            record = record.model_copy(update={"campaign": campaign})
-        write(record, out / f"z{height_mm}.json" if plane_mm is None else out)
+        file = out / f"z{height_mm}.json" if plane_mm is None else out
+        same = None if same_arm is None else same_arm / f"z{height_mm}.json"
+        try:
+            if same is None or schema_of(same) == PlaneNotStudied.SCHEMA:
+                progress = _progress(f"montecarlo z = {height_mm} mm", settings.cycles)
+                record = study_plane(arm, height_mm, settings, campaign, robot, progress)
+            else:
+                record = read(PlaneRecord, same)
+                _refuse_other_study(record, robot, settings, same)
+                record = record.model_copy(update={"campaign": campaign})
+        except (ArmError, OutOfReachError) as refusal:
+            if not skip_out_of_reach:
+                raise
+            why = refusal.what
+            write(
+                PlaneNotStudied(campaign=campaign, robot=robot, plane_mm=height_mm, why=why), file
+            )
+            print(f"{campaign} z = {height_mm} mm: not studied, {why}")
+            continue
+        write(record, file)
         print(
             f"{campaign} z = {height_mm} mm: {record.mean_mm:.4f} ± {record.std_mm:.4f} mm, "
             f"closed form {record.closed_form_mean_mm:.4f} ± {record.closed_form_std_mm:.4f} mm"

@@ -148,6 +148,9 @@ def _why_not(results: ResultsBundle, need: str) -> str | None:
     for file in files:
         if not (results.folder / file).exists():
             return f"there is no {file}"
+    if need == "planes" and not results.planes_of_settings():
+        why = {plane.why for plane in results.planes_not_studied}
+        return f"no plane was studied: {'; '.join(sorted(why))}"
     general_beside = (results.folder / "calibration/general.json").exists()
     if need == "papers_calibration" or (need == "general" and not general_beside):
         model = results.sound_calibration().model

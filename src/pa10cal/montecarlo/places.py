@@ -1,7 +1,8 @@
 """Places of the flange in a plane, and joint positions for them in one posture.
 
 Reach is the distance of the flange from the base z axis. The flange points straight down everywhere
-and turns about the base axis with its azimuth. The posture (elbow up or down, wrist turned or not)
+(straight up where an arm's own axis of the flange does not turn down, as a palletiser's) and turns
+about the base axis with its azimuth. The posture (elbow up or down, wrist turned or not)
 is chosen once, nearest to the middle of all joint ranges. Every place is then approached from there
 along azimuth and radius, so that the posture does not change. A place that is not reached in this
 way within the joint limits counts as out of reach.
@@ -13,6 +14,7 @@ deviation within a place.
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -32,6 +34,9 @@ _MOST_DRAWN = 50
 _MOST_MAP_PLACES = 20_000
 
 # Search of the posture.
+
+#: Directions of the flange's axis, down and, where that is not possible, up.
+_VERTICAL = np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]])
 
 #: Number of starts.
 _STARTS = 48
@@ -55,6 +60,10 @@ _DAMPING = 1e-9
 _LONGEST_STEP_RAD = 0.3
 #: Largest component of the motion that is missing to a place that is reached [m, rad].
 _REACHED_WITHIN = 1e-10
+
+
+class OutOfReachError(SettingsError):
+    """The arm cannot take the places of a plane."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +95,7 @@ def draw_places(
     """Draw places uniformly by area between two reaches until `count` can be reached.
 
     Raises:
-        SettingsError: when hardly any place can be reached.
+        OutOfReachError: when hardly any place can be reached.
     """
     near, far = reach_m
     batches = []
@@ -94,7 +103,7 @@ def draw_places(
     while reached_count < count:
         if drawn > _MOST_DRAWN * count + _BATCH:
             what = f"{chain.arm.name} reaches hardly any position of this plane"
-            raise SettingsError(
+            raise OutOfReachError(
                 f"{what}: {reached_count} of {drawn}",
                 where="montecarlo.reach_m",
                 value=reach_m,
@@ -152,34 +161,36 @@ def reference_in_plane(
     """Search the posture for a plane, at azimuth zero and as near to the middle reach as possible.
 
     Searches start all over the joint ranges. Their residual is the distance from the place and,
-    with little weight, from the middle of the ranges; the least is chosen.
+    with little weight, from the middle of the ranges; the least is chosen. A flange that can point
+    down nowhere in the plane points up.
 
     Raises:
-        SettingsError: when no place of the plane can be reached.
+        OutOfReachError: when no place of the plane can be reached.
     """
     low, high = _search_ranges(chain.arm).T
     starts = np.random.default_rng(0).uniform(low, high, (_STARTS, chain.arm.n))
     starts[0] = (low + high) / 2.0
     near, far = reach_m
-    for radius_m in near + (far - near) * np.array([0.5, 0.25, 0.75, 0.0, 1.0]):
+    radii_m = near + (far - near) * np.array([0.5, 0.25, 0.75, 0.0, 1.0])
+    for z, radius_m in itertools.product(_VERTICAL, radii_m):
         place_m = np.array([radius_m, 0.0, height_m])
         q_rad = starts
         for _ in range(_SEARCH_STEPS):
-            residual, jacobian = _search_residual(chain, q_rad, place_m)
+            residual, jacobian = _search_residual(chain, q_rad, place_m, z)
             q_rad = _step(q_rad, residual, jacobian, low, high)
-        residual, _ = _search_residual(chain, q_rad, place_m)
+        residual, _ = _search_residual(chain, q_rad, place_m, z)
         best = int(np.argmin(np.linalg.norm(residual, axis=1)))
-        # The search weighs down against the middle of the ranges, so the flange's axis is off by a
-        # little. It is turned exactly down, its heading unchanged: all places have its orientation.
+        # The search weighs the vertical against the middle of the ranges, so the flange's axis is
+        # off by a little. It is turned exactly upright, its heading unchanged: all places have its
+        # orientation.
         x = chain.forward(q_rad[best : best + 1])[0, :3, 0] * [1.0, 1.0, 0.0]
         x /= np.linalg.norm(x)
-        z = np.array([0.0, 0.0, -1.0])
-        down = np.stack([x, np.cross(z, x), z], axis=1)
-        rough = ReferencePosture(q_rad[best], float(radius_m), height_m, down)
+        upright = np.stack([x, np.cross(z, x), z], axis=1)
+        rough = ReferencePosture(q_rad[best], float(radius_m), height_m, upright)
         (exact_rad,), reached = follow(chain, rough, np.array([radius_m]), np.array([0.0]))
         if reached[0]:
             return replace(rough, q_rad=exact_rad)
-    raise SettingsError(
+    raise OutOfReachError(
         f"{chain.arm.name} cannot reach this plane with its flange pointing down",
         where="montecarlo.planes_mm (--plane-mm)",
         value=round(1e3 * height_m),
@@ -209,7 +220,9 @@ def follow(
             residual, jacobian = _motion_missing(chain, q_rad, target_m, R_target)
             q_rad = _step(q_rad, residual, jacobian, low, high)
     residual, _ = _motion_missing(chain, q_rad, target_m, R_target)
-    return q_rad, np.abs(residual).max(axis=1) < _REACHED_WITHIN
+    # A turn by 180 degrees has no rotation missing by its measure: the axes are then opposite.
+    alike = (chain.forward(q_rad)[:, :3, :3] * R_target).sum(axis=(1, 2)) > 0.0
+    return q_rad, (np.abs(residual).max(axis=1) < _REACHED_WITHIN) & alike
 
 
 def flange_with_screws(chain: Chain, q_rad: Array) -> tuple[Array, Array]:
@@ -243,10 +256,12 @@ def _search_ranges(arm: Arm) -> Array:
     return np.column_stack([low, np.where(np.isfinite(high), high, low + 2.0 * np.pi)])
 
 
-def _search_residual(chain: Chain, q_rad: Array, place_m: Array) -> tuple[Array, Array]:
+def _search_residual(
+    chain: Chain, q_rad: Array, place_m: Array, vertical: Array
+) -> tuple[Array, Array]:
     """Return residuals (P, 6 + n) of the search, and the derivative (P, 6 + n, n).
 
-    Residuals are those of position, of the downward axis and, with little weight, of the middle of
+    Residuals are those of position, of the flange's axis, which shall be `vertical` (3,), and, with little weight, of the middle of
     the joint ranges, which determines the flange's roll.
     """
     low, high = _search_ranges(chain.arm).T
@@ -255,7 +270,7 @@ def _search_residual(chain: Chain, q_rad: Array, place_m: Array) -> tuple[Array,
     position_m, axis = T_base_ee[:, :3, 3], T_base_ee[:, :3, 2]
     tilting = np.cross(screws[:, 3:], axis[:, :, None], axis=1)
     centred = _CENTRING * ((low + high) / 2.0 - q_rad) / half_range
-    residual = np.concatenate([place_m - position_m, [0.0, 0.0, -1.0] - axis, centred], axis=1)
+    residual = np.concatenate([place_m - position_m, vertical - axis, centred], axis=1)
     centring = np.tile(np.diag(_CENTRING / half_range), (len(q_rad), 1, 1))
     return residual, np.concatenate([screws[:, :3], tilting, centring], axis=1)
 

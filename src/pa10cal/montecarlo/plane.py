@@ -162,7 +162,7 @@ def expected_error(jacobian: Array, sigma_rad: float) -> tuple[Array, Array]:
 
 
 _ATTITUDE = (
-    "flange axis straight down, turned about the base axis with the azimuth of its place; "
+    "flange axis straight {}, turned about the base axis with the azimuth of its place; "
     "one posture throughout, the one nearest the middle of the joint ranges"
 )
 _REACH = "distance of the flange from the base z axis, in the plane"
@@ -180,7 +180,8 @@ def study_plane(
     """Return errors of one plane by resolver uncertainty, drawn and in closed form.
 
     Raises:
-        SettingsError: when the plane cannot be reached or the map is too fine.
+        OutOfReachError: when the plane cannot be reached.
+        SettingsError: when the map is too fine.
         ArmError: when a joint slides.
     """
     if arm.prismatic.any():
@@ -213,7 +214,7 @@ def study_plane(
         plane_mm=plane_mm,
         reach_m=settings.reach_m,
         reach_is=_REACH,
-        attitude=_ATTITUDE,
+        attitude=_ATTITUDE.format("down" if reference.R_base_ee[2, 2] < 0.0 else "up"),
         sigma_deg=settings.sigma_deg,
         random_seed=seed,
         cycles=settings.cycles,

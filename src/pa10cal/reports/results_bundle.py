@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import islice
@@ -27,10 +27,10 @@ from pa10cal.results.calibration import (
     GeneralCalibrationRecord,
     PaperCalibrationRecord,
 )
-from pa10cal.results.codec import read
+from pa10cal.results.codec import read, schema_of
 from pa10cal.results.discovery import ExtendedRecord, VerdictRecord
 from pa10cal.results.evaluation import HoldoutRecord, Iso9283Record
-from pa10cal.results.montecarlo import PlaneRecord
+from pa10cal.results.montecarlo import PlaneNotStudied, PlaneRecord
 from pa10cal.results.outcomes import PicturesRecord
 from pa10cal.results.record import CampaignRecord, MeasuredRecord, Record
 
@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 _R = TypeVar("_R", bound=Record)
+_Plane = TypeVar("_Plane", PlaneRecord, PlaneNotStudied)
 
 #: Larger files are neither listings of rows nor logs of a stage [bytes].
 _MOST_TEXT_BYTES = 64_000_000
@@ -177,9 +178,24 @@ class ResultsBundle:
 
     @cached_property
     def planes(self) -> list[PlaneRecord]:
-        """The planes of the Monte Carlo, from low to high."""
+        """The planes of the Monte Carlo that were studied, from low to high."""
+        return self._planes(PlaneRecord, self._plane_files_there)
+
+    @cached_property
+    def planes_not_studied(self) -> list[PlaneNotStudied]:
+        """Those that are not for this arm, from low to high."""
+        return self._planes(PlaneNotStudied, self._plane_files_there)
+
+    @property
+    def _plane_files_there(self) -> list[str]:
         files = (self.folder / "montecarlo").glob("z*.json")
-        planes = [self.read(PlaneRecord, f"montecarlo/{path.name}") for path in files]
+        return [f"montecarlo/{path.name}" for path in files]
+
+    def _planes(self, kind: type[_Plane], files: Iterable[str]) -> list[_Plane]:
+        """Return the planes of these files that are of one kind, from low to high."""
+        other = PlaneRecord if kind is PlaneNotStudied else PlaneNotStudied
+        of_kind = (file for file in files if schema_of(self.folder / file) != other.SCHEMA)
+        planes = [self.read(kind, file) for file in of_kind]
         return sorted(planes, key=lambda plane: plane.plane_mm)
 
     @cached_property
@@ -391,8 +407,8 @@ class ResultsBundle:
         ]
 
     def planes_of_settings(self) -> list[PlaneRecord]:
-        """Read the Monte Carlo of every plane of the settings, from low to high."""
-        return [self.read(PlaneRecord, file) for file in self.plane_files]
+        """Read the Monte Carlo of every plane of the settings that was studied, low to high."""
+        return self._planes(PlaneRecord, self.plane_files)
 
 
 def results_bundle(

@@ -66,6 +66,8 @@ def trust(results: ResultsBundle, case: CalibrationRecord) -> Iterator[PageBlock
             "map; the picture below draws positions at random, so the two differ a little."
         )
         yield SideBySide(tuple(plane_drawings(results.planes)))
+    for plane in results.planes_not_studied:
+        yield Paragraph(f"No Monte Carlo of the plane at z = {plane.plane_mm} mm: {plane.why}.")
 
 
 def outliers_grid(case: GeneralCalibrationRecord) -> Grid:

@@ -64,3 +64,12 @@ class PlaneRecord(record.CampaignRecord):
     convergence: Convergence  # mean against the number of cycles
     per_position: Places  # every place drawn
     map: PlaneMap  # expected error over the plane
+
+
+@record.filed("pa10cal-montecarlo-not-studied/1", "montecarlo/z<mm>.json", by="montecarlo")
+class PlaneNotStudied(record.CampaignRecord):
+    """`montecarlo/z<mm>.json` of a plane that is not for this arm."""
+
+    robot: str  # name of the arm
+    plane_mm: int  # height of the flange above the base [mm]
+    why: str  # why the plane was not studied, one clause
