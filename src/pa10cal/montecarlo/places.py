@@ -261,8 +261,8 @@ def _search_residual(
 ) -> tuple[Array, Array]:
     """Return residuals (P, 6 + n) of the search, and the derivative (P, 6 + n, n).
 
-    Residuals are those of position, of the flange's axis, which shall be `vertical` (3,), and, with little weight, of the middle of
-    the joint ranges, which determines the flange's roll.
+    Residuals are those of position, of the flange's axis, which shall be `vertical` (3,), and, with
+    little weight, of the middle of the joint ranges, which determines the flange's roll.
     """
     low, high = _search_ranges(chain.arm).T
     half_range = (high - low) / 2.0
