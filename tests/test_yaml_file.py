@@ -24,10 +24,26 @@ BROKEN = {
     "a list in itself": ("a: &x [1, *x]", "line 1: *x refers to what it stands in"),
     "a key twice": ("a: 1\nb: 2\na: 3\n", "line 3: the key a stands there twice, first in line 1"),
     "a key twice, further in": ("a:\n  - {x: 1, y: 2, x: 3}\n", "line 2: the key x"),
-    "no number": ("a: !!float nope", "could not convert"),
-    "no whole number": ("a: !!int ''", "cannot be converted"),
-    "no time": ("a: !!timestamp x", "cannot be converted"),
-    "a month of thirteen": ("a: 2026-13-45", "month"),
+    "a reference to nothing": (
+        "a: 1\nu: *u\n",
+        "line 2: no &u stands before *u; write it in quotes if it is text",
+    ),
+    "one number twice": ("1: a\n1.0: b\n", "line 2: the key 1.0 stands there twice"),
+    "one truth twice": ("true: a\nyes: b\n", "line 2: the key yes stands there twice"),
+    "a key by reference": ("a: &x foo\nb: {foo: 1, *x : 2}\n", "line 2: the key foo"),
+    "no number": ("b: 1\na: !!float nope", "line 2: 'nope' is no number"),
+    "no whole number": ("a: !!int ''", "line 1: '' is no whole number"),
+    "no hexadecimal": ("a: !!int 0x", "line 1: '0x' is no whole number"),
+    "no binary": ("a: 0b_", "line 1: '0b_' is no whole number"),
+    "no time": ("a: !!timestamp x", "line 1: 'x' is no date"),
+    "no truth": ("a: !!bool maybe", "line 1: 'maybe' is neither true nor false"),
+    "a month of thirteen": ("a: 2026-13-45", "line 1: '2026-13-45' is no date; write it in quotes"),
+    "a day that is not": ("a: 1\nname: 2024-02-30", "line 2: '2024-02-30' is no date"),
+    "an offset too far": ("a: 2024-01-01T00:00:00+99:99", "is no date"),
+    "no truth as a key": ("!!bool maybe: 1", "line 1: 'maybe' is neither true nor false"),
+    "octal": ("a: 1\nb: 010", "line 2: YAML reads 010 as 8; write a number without leading zeros"),
+    "to the base of sixty": ("a: -1:30", "line 1: YAML reads -1:30 as -90"),
+    "to the base of sixty with decimals": ("a: 1:30.5", "line 1: YAML reads 1:30.5 as 90.5"),
     "a list as a key": ("? [a]\n: b", "unhashable"),
     "an object": ("a: !!python/object:os.system x", "constructor"),
     "two documents": ("a: 1\n---\nb: 2\n", "another document"),
@@ -75,6 +91,20 @@ def test_what_is_no_text_or_too_large_is_refused(
     monkeypatch.setattr("pa10cal.yaml_file.MAX_BYTES", 40)
     with pytest.raises(RawDataError, match="MB are read"):
         read_yaml(path, RawDataError, what="it cannot be read")
+
+
+def test_only_a_tab_that_is_in_the_way_is_spoken_of() -> None:
+    with pytest.raises(ValueError, match="line 4") as refused:
+        parse_yaml("a: |\n  b\n  \tb\nc: [1,, 2]\n")
+    assert "tabs" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["1: a\n'1': b", "0: 0x1F", "a: [0, -0, 0.5, 010.5, '010', '1:30', 10:75x, 2008-01-02]"],
+)
+def test_keys_and_numbers_that_are_clear_are_read(text: str) -> None:
+    assert parse_yaml(text) == yaml.safe_load(text)
 
 
 def test_references_and_merged_keys_are_read() -> None:

@@ -27,8 +27,22 @@ MAX_KEYS, MAX_NUMBER = 10_000, 64
 _Loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 #: Says what a value without quotes or tag becomes.
 _RESOLVER: Any = yaml.resolver.Resolver()
-#: Tags of values that are converted from their text.
-_CONVERTED = frozenset(f"tag:yaml.org,2002:{name}" for name in ("int", "float", "timestamp"))
+_CONSTRUCTOR: Any = yaml.constructor.SafeConstructor()
+_TAG = "tag:yaml.org,2002:"
+_NUMBERS = frozenset((f"{_TAG}int", f"{_TAG}float"))
+#: Tags of values that are converted from a text of any length.
+_CONVERTED = _NUMBERS | {f"{_TAG}timestamp"}
+#: What a text of each tag is not where it cannot be converted.
+_NOT = {
+    f"{_TAG}int": "no whole number",
+    f"{_TAG}float": "no number",
+    f"{_TAG}timestamp": "no date",
+    f"{_TAG}bool": "neither true nor false",
+}
+#: Keys that stand for themselves: of merged mappings, and of a default value.
+_BY_TEXT = frozenset((f"{_TAG}merge", f"{_TAG}value"))
+#: Numbers that YAML 1.1 reads to the base of eight or sixty, which hardly anybody means.
+_OTHER_BASE = re.compile(r"[-+]?(?:0[0-7_]+|[0-9_]+(?::[0-9_]+)+(?:\.[0-9_]*)?)")
 
 
 def read_yaml(
@@ -78,15 +92,27 @@ def parse_yaml(text: str) -> Any:
     """
     try:
         _check_structure(text)
-        return yaml.load(text, Loader=_Loader)
+        return _loaded(text)
     except yaml.YAMLError as error:
         message = " ".join(str(error).split())
-        if re.search(r"^ *\t", text, re.MULTILINE):
+        mark = getattr(error, "problem_mark", None)
+        if mark is not None and re.match(r" *\t", "".join(text.splitlines()[mark.line :][:1])):
             message += "; indent with spaces, not with tabs"
         raise ValueError(message) from None
-    except (AttributeError, IndexError, TypeError, OverflowError) as error:
-        # The package's own conversions of tagged values raise these, such as of `!!int ''`.
-        raise ValueError(f"a tagged value that cannot be converted: {error}") from None
+
+
+def _loaded(text: str) -> Any:
+    """Return the content of YAML text whose structure is checked."""
+    try:
+        return yaml.load(text, Loader=_Loader)
+    except yaml.YAMLError:
+        raise
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+        # The package's own conversions raise these, and know no line: find what they cannot read.
+        for event in yaml.parse(text, Loader=_Loader):
+            if isinstance(event, yaml.ScalarEvent):
+                _converted(event)
+        raise ValueError(f"a value cannot be converted: {error}") from None
 
 
 @dataclass(slots=True)
@@ -94,15 +120,17 @@ class _Collection:
     """A list or mapping that is being read."""
 
     anchor: str | None
-    keys: dict[str, str] | None  # keys of a mapping so far, with their lines; None for a list
-    expects_key: bool
+    keys: dict[Any, str] | None  # keys of a mapping so far, with their lines; None for a list
+    key_is_next: bool  # whether what follows in a mapping is a key, or the value of the last one
     nodes: int = 1  # values in it, references followed
 
-    def add_key(self, key: str, line: str) -> None:
-        """Note a key of a mapping; refuse one that is repeated, or too many."""
+    def add_key(self, scalar: Any, line: str) -> None:
+        """Note a key of a mapping; refuse one whose value is repeated, or too many."""
         assert self.keys is not None
+        key = _converted(scalar)
         if key in self.keys:
-            twice = f"the key {key} stands there twice, first in {self.keys[key]}: remove one"
+            first = self.keys[key]
+            twice = f"the key {scalar.value} stands there twice, first in {first}: remove one"
             raise ValueError(f"{line}: {twice}")
         self.keys[key] = line
         if len(self.keys) > MAX_KEYS:
@@ -113,16 +141,18 @@ def _check_structure(text: str) -> None:
     """Refuse what cannot be read safely, by the parser's events alone and without recursion.
 
     Raises:
-        ValueError: too deep, too many values once references are followed, a key that is repeated,
-            a number that is too long, a second document.
+        ValueError: too deep, too many values once references are followed, a reference to nothing,
+            a key that is repeated, a number that is too long or to another base, a second document.
         yaml.YAMLError: a syntax error.
     """
     open_collections: list[_Collection] = []
-    nodes_of: dict[str | None, int] = {}  # by anchor
+    nodes_by_anchor: dict[str, int] = {}
+    scalar_by_anchor: dict[str, Any] = {}  # events of those anchors that are no collections
     documents = 0
     event: Any
     for event in yaml.parse(text, Loader=_Loader):
-        kind, line = type(event), f"line {event.start_mark.line + 1}"
+        kind, line = type(event), _line_of(event)
+        scalar = None
         if kind in (yaml.MappingStartEvent, yaml.SequenceStartEvent):
             mapping = kind is yaml.MappingStartEvent
             open_collections.append(_Collection(event.anchor, {} if mapping else None, mapping))
@@ -131,17 +161,19 @@ def _check_structure(text: str) -> None:
             continue
         if kind in (yaml.MappingEndEvent, yaml.SequenceEndEvent):
             closed = open_collections.pop()
-            nodes = nodes_of[closed.anchor] = closed.nodes
+            nodes = closed.nodes
+            if closed.anchor is not None:
+                nodes_by_anchor[closed.anchor] = nodes
         elif kind is yaml.ScalarEvent:
-            if len(event.value) > MAX_NUMBER and _is_converted(event):
-                raise ValueError(
-                    f"{line}: a number of {len(event.value)} digits and signs, at most {MAX_NUMBER}"
-                )
-            nodes = nodes_of[event.anchor] = 1
+            _check_number(event)
+            nodes, scalar = 1, event
+            if event.anchor is not None:
+                nodes_by_anchor[event.anchor], scalar_by_anchor[event.anchor] = nodes, event
         elif kind is yaml.AliasEvent:
-            if event.anchor not in nodes_of:
-                raise ValueError(f"{line}: *{event.anchor} refers to what it stands in")
-            nodes = nodes_of[event.anchor]
+            if event.anchor not in nodes_by_anchor:
+                within = any(event.anchor == each.anchor for each in open_collections)
+                raise ValueError(f"{line}: {_refers_to_nothing(event.anchor, within)}")
+            nodes, scalar = nodes_by_anchor[event.anchor], scalar_by_anchor.get(event.anchor)
         else:
             documents += kind is yaml.DocumentStartEvent
             if documents > 1:
@@ -155,14 +187,56 @@ def _check_structure(text: str) -> None:
             raise ValueError(f"{line}: more than {MAX_NODES} values once references are read")
         if parent.keys is None:
             continue
-        if parent.expects_key and kind is yaml.ScalarEvent:
-            parent.add_key(event.value, line)
-        parent.expects_key = not parent.expects_key
+        if parent.key_is_next and scalar is not None:
+            parent.add_key(scalar, line)
+        parent.key_is_next = not parent.key_is_next
 
 
-def _is_converted(value: Any) -> bool:
-    """Return whether a scalar event becomes a number or a date."""
-    tag = value.tag
-    if tag is None and value.implicit[0]:
-        tag = _RESOLVER.resolve(yaml.ScalarNode, value.value, value.implicit)
-    return tag in _CONVERTED
+def _refers_to_nothing(anchor: str, within: bool) -> str:
+    """Return what is wrong with a reference to no value, or to the one that it stands within."""
+    if within:
+        return f"*{anchor} refers to what it stands in"
+    return f"no &{anchor} stands before *{anchor}; write it in quotes if it is text"
+
+
+def _check_number(scalar: Any) -> None:
+    """Refuse a scalar event that becomes a number or a date too long, or to another base."""
+    text, tag = scalar.value, _tag_of(scalar)
+    if len(text) > MAX_NUMBER and tag in _CONVERTED:
+        long = f"a number of {len(text)} digits and signs, at most {MAX_NUMBER}"
+        raise ValueError(f"{_line_of(scalar)}: {long}")
+    if tag in _NUMBERS and _OTHER_BASE.fullmatch(text):
+        remedy = "write a number without leading zeros and colons, and text in quotes"
+        read = f"YAML reads {text} as {_converted(scalar)}"
+        raise ValueError(f"{_line_of(scalar)}: {read}; {remedy}")
+
+
+def _converted(scalar: Any) -> Any:
+    """Return the value that a scalar event becomes.
+
+    Raises:
+        ValueError: saying at which line what cannot be converted.
+        yaml.YAMLError: a tag of no plain value.
+    """
+    text, tag = scalar.value, _tag_of(scalar)
+    if tag in _BY_TEXT:
+        return text
+    try:
+        return _CONSTRUCTOR.construct_document(yaml.ScalarNode(tag, text, scalar.start_mark))
+    except yaml.YAMLError:
+        raise
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError):
+        what = f"{text!r} is {_NOT.get(tag, 'no such value')}; write it in quotes if it is text"
+        raise ValueError(f"{_line_of(scalar)}: {what}") from None
+
+
+def _tag_of(scalar: Any) -> Any:
+    """Return the tag of a scalar event, stated or by what its text looks like."""
+    if scalar.tag in (None, "!"):
+        return _RESOLVER.resolve(yaml.ScalarNode, scalar.value, scalar.implicit)
+    return scalar.tag
+
+
+def _line_of(event: Any) -> str:
+    """Return the line of an event, in words."""
+    return f"line {event.start_mark.line + 1}"
