@@ -10,7 +10,13 @@ import pytest
 from made_up_poses import at_rest
 from made_up_sightings import sighted
 from pa10cal.arm.chain import Chain
-from pa10cal.campaign.rounded_joints import DecimalStep, decimal_step, whole_counts, with_rounding
+from pa10cal.campaign.rounded_joints import (
+    Step,
+    decimal_step,
+    rounding_step,
+    whole_counts,
+    with_rounding,
+)
 from pa10cal.files.arms import load_arm
 from pa10cal.observe.observations import JointLog, Observations
 from pa10cal.observe.points import Points
@@ -89,6 +95,51 @@ def test_decimals_are_a_rounding_where_the_readings_show_it(tmp_path, unit_deg, 
     assert not [warning for warning in exact.warnings if "rounded" in warning]
 
 
+@pytest.mark.parametrize(
+    ("counts", "digits"), [(8000, 4), (4000, 4), (7200, 4), (7000, 4), (16000, 3)]
+)
+def test_counts_of_any_number_are_a_rounding_where_the_readings_show_it(tmp_path, counts, digits):
+    raw, arm, step_deg = sighted(tmp_path, "points", poses=60), load_arm("ur10"), 360.0 / counts
+    logged_deg = np.round(step_deg * np.round(np.degrees(raw.q) / step_deg), digits)
+    _with_positions(raw, arm, logged_deg, raw.q)
+    found = ingest(raw)
+    (told,) = [warning for warning in found.warnings if "rounded" in warning]
+    assert f"are rounded to {step_deg:g} deg ({counts} counts a turn), as" in told
+    assert "more decimals" not in told
+    u_rad = np.radians(step_deg) / np.sqrt(12.0)
+    np.testing.assert_allclose(found.observations.log.q_u_stated, u_rad)
+    _with_positions(raw, arm, logged_deg, np.radians(logged_deg))
+    assert not ingest(raw).observations.log.q_u_stated.any()
+
+
+@pytest.mark.parametrize(("axis", "off_grid_deg", "times"), [(5, 0.04, 1.0), (1, 0.0, 0.0)])
+def test_an_axis_on_a_grid_does_not_hide_the_rounding_of_others(
+    tmp_path, axis, off_grid_deg, times
+):
+    raw, arm = sighted(tmp_path, "points", poses=60), load_arm("ur10")
+    true_deg = np.degrees(raw.q)
+    off_deg = off_grid_deg * np.random.default_rng(3).uniform(-1.0, 1.0, 60)
+    true_deg[:, axis] = np.round(true_deg[:, axis]) + off_deg
+    _with_positions(raw, arm, np.round(true_deg, 1), np.radians(true_deg))
+    found = ingest(raw)
+    (told,) = [warning for warning in found.warnings if "rounded" in warning]
+    assert "to 0.1 deg" in told
+    u_rad = np.full(6, np.radians(0.1) / np.sqrt(12.0))
+    u_rad[axis] *= times
+    np.testing.assert_allclose(found.observations.log.q_u_stated, np.tile(u_rad, (60, 1)))
+    _with_positions(raw, arm, np.round(true_deg, 1), np.radians(np.round(true_deg, 1)))
+    assert not ingest(raw).observations.log.q_u_stated.any()
+
+
+def test_errors_of_joints_far_above_a_rounding_are_told(tmp_path):
+    raw, arm = sighted(tmp_path, "points", poses=60), load_arm("ur10")
+    logged_deg = np.round(np.degrees(raw.q), 2)
+    off_deg = 0.03 * np.random.default_rng(3).standard_normal(raw.q.shape)
+    _with_positions(raw, arm, logged_deg, np.radians(logged_deg + off_deg))
+    (told,) = [warning for warning in ingest(raw).warnings if "rounded" in warning]
+    assert "readings show errors of joints about 1" in told  # 10.4 times
+
+
 def test_exact_positions_in_decimals_stay_exact_beside_an_effect(tmp_path):
     raw, arm = sighted(tmp_path, "points", poses=60), load_arm("ur10")
     logged_deg = np.round(np.degrees(raw.q), 2)
@@ -103,11 +154,14 @@ def test_exact_positions_in_decimals_stay_exact_beside_an_effect(tmp_path):
 def test_a_step_is_told_of_an_axis_that_moves_little(span_deg):
     q_deg = np.random.default_rng(1).uniform(10.0, 10.0 + span_deg, 100)
     assert whole_counts(np.round(q_deg * 8192 / 360.0) * 360.0 / 8192) == 8192.0
-    assert decimal_step(np.round(q_deg, 2), slides=False) == DecimalStep("0.01 deg", 0.01, "deg")
+    assert decimal_step(np.round(q_deg, 2), slides=False) == Step("0.01 deg", 0.01, "deg")
     assert decimal_step(q_deg, slides=False) is None
     q_mm = np.round(q_deg / span_deg, 3)  # moves by 1 mm
-    assert decimal_step(q_mm, slides=True) == DecimalStep("0.001 mm", 0.001, "mm")
+    assert decimal_step(q_mm, slides=True) == Step("0.001 mm", 0.001, "mm")
     assert decimal_step(0.01 * q_deg / span_deg, slides=True) is None
+    q_mm = 0.005 * np.round(40.0 * q_deg / span_deg)
+    assert rounding_step(q_mm, slides=True) == Step("0.005 mm", 0.005, "mm", False)
+    assert rounding_step(q_deg, slides=False) is None
 
 
 def test_a_row_that_was_typed_does_not_hide_the_step_of_all_others():
@@ -152,7 +206,7 @@ def test_which_row_was_typed_does_not_matter():
     for _ in range(100):
         q_deg = np.round(rng.uniform(-150.0, 150.0, 300), 2)
         q_deg[rng.choice(300, 6, replace=False)] += 0.0043
-        assert decimal_step(q_deg, slides=False) == DecimalStep("0.01 deg", 0.01, "deg")
+        assert decimal_step(q_deg, slides=False) == Step("0.01 deg", 0.01, "deg")
         q_deg = np.round(rng.uniform(-150.0, 150.0, 101) * 8192 / 360) * 360 / 8192
         q_deg[rng.choice(101, 2, replace=False)] += 0.0043129
         assert whole_counts(q_deg) == 8192.0
@@ -172,5 +226,5 @@ def test_a_target_on_the_last_axis_shows_a_rounding_too(exact, seed):
     unknown = np.full((120, 6), np.nan)
     log = JointLog(unknown, unknown, np.zeros(120, dtype=np.int64))
     readings = replace(readings, log=log)
-    steps = dict.fromkeys(range(6), DecimalStep("0.1 deg", 0.1, "deg"))
-    assert with_rounding(readings, steps, arm, None)[1] == ({} if exact else steps)
+    steps = dict.fromkeys(range(6), Step("0.1 deg", 0.1, "deg"))
+    assert with_rounding(readings, steps, arm, None).steps == ({} if exact else steps)

@@ -1,9 +1,9 @@
-"""Joint positions that were rounded: to whole counts of an encoder, or to decimals of a unit.
+"""Joint positions that were rounded: to whole counts of an encoder, or to parts of a unit.
 
-Whole counts are told from the positions alone: nobody programs in powers of two. Decimals are not:
-programmed positions are in round parts of a unit, too, and exact. The readings decide. An arm with
-springs is fitted to them by least squares, and what remains is compared under five hypotheses of
-the errors of joints, each beside noise of any size (`_show_rounding`).
+Powers of two of counts a turn are told from the positions alone: nobody programs in them. Other
+steps are not: programmed positions are in round parts of a unit, too, and exact. The readings
+decide. An arm with springs is fitted to them by least squares, and what remains is compared under
+five hypotheses of the errors of joints, each beside noise of any size (`_times_of_rounding`).
 """
 
 from __future__ import annotations
@@ -31,13 +31,25 @@ V = TypeVar("V")
 #: are in round parts of a degree.
 _COUNTS = 2.0 ** np.arange(17)
 #: Fewest counts a turn that an encoder has: eighths of a turn (45 deg) and the like are programmed,
-#: and would else be taken for whole counts of any finer encoder.
+#: and are whole counts of every finer encoder of a power of two.
 _FEWEST_COUNTS = 256.0
+#: Most counts a turn that are sought where these need not be a power of two (computing).
+_MOST_COUNTS = 2**16
+#: Parts of a turn into which positions are sorted to find counts (computing).
+_BINS = 4 * _MOST_COUNTS
+#: Least mean resultant length of the parts of a step, as angles, of positions that are then tried
+#: as whole counts: uniform over a fifth of a step it is 0.94 (computing).
+_LEAST_RESULTANT = 0.7
 #: Units in whose decimals positions may be rounded, by the word for them: as columns have them.
 _UNITS_OF_TURNS = {"deg": 1.0, "rad": float(np.degrees(1.0)), "turns": 360.0}
 _UNITS_OF_SLIDES = {"mm": 1.0}
 #: Steps that are sought, in these units.
 _DECIMALS = 10.0 ** -np.arange(7)
+#: Factors by which a decimal step is enlarged: whole counts a turn that are decimals of a degree
+#: have no others (computing).
+_FACTORS = (2.0, 3.0, 5.0)
+#: Times a step that another one has to be, to be larger by more than computing (computing).
+_LARGER = 1.01
 #: Part of a step by which positions may be off it: printed digits (computing).
 _OFF_STEP = 0.1
 #: The same at most, where few digits are printed: of 20 positions anywhere, one set in a million is
@@ -62,14 +74,33 @@ _MOST_LOST = 8.0
 _AS_LIKELY = 4.0
 #: Joints that effects may have errors of, where positions are exact (chosen).
 _WITH_EFFECTS = 2
+#: Errors of joints that are below so many times those of rounding are of a step too large (level).
+_TOO_LARGE = 0.5
+#: Errors of joints above so many times those of rounding are told beside the step (level).
+_TOLD_TIMES = 3.0
 
 
-class DecimalStep(NamedTuple):
+class Step(NamedTuple):
     """A step by whole numbers of which the positions of an axis differ."""
 
-    words: str  # with the unit of its decimals, as `0.001 rad`
+    words: str  # with its unit, as `0.001 rad`
     in_column: float  # in the unit of the axis' column
     unit: str  # that unit, `deg` or `mm`
+    decimal: bool = True  # a power of ten in the unit of its words
+
+    @classmethod
+    def of_counts(cls, counts: float) -> Step:
+        """Return the step of an encoder with so many counts a turn."""
+        step_deg = 360.0 / counts
+        return cls(f"{step_deg:g} deg ({counts:.0f} counts a turn)", step_deg, "deg", False)
+
+
+class Rounding(NamedTuple):
+    """Readings, as uncertain as the rounding that they show makes their joints."""
+
+    readings: Observations
+    steps: Mapping[int, Step]  # of the axes, from 0, that were rounded; empty where none was
+    times: float  # median size of the errors of those joints, in units of those of rounding
 
 
 def whole_counts(q_deg: Array) -> float:
@@ -84,18 +115,65 @@ def whole_counts(q_deg: Array) -> float:
         step_deg = 360.0 / counts
         off = max(_OFF_STEP, half_digit_deg / step_deg)
         if off < _MOST_OFF_STEP and _differ_by_whole(q_deg, step_deg, off):
+            # Fewer are a program's, and hold for every power of two above.
             return float(counts) if counts >= _FEWEST_COUNTS else 0.0
     return 0.0
 
 
-def decimal_step(q: Array, *, slides: bool) -> DecimalStep | None:
+def rounding_step(q: Array, *, slides: bool) -> Step | None:
+    """Return the largest step by whole numbers of which positions (N,) differ; or None.
+
+    A decimal step (`decimal_step`), several of them, or any whole number of counts a turn.
+    """
+    found = decimal_step(q, slides=slides)
+    if found is not None:
+        found = _enlarged(found, q)
+    counts = None if slides else _fewest_counts(q, 0.0 if found is None else found.in_column)
+    return found if counts is None else Step.of_counts(counts)
+
+
+def _enlarged(step: Step, q: Array) -> Step:
+    """Return the largest multiple of a decimal step by which positions (N,) differ."""
+    times = 1.0
+    for factor in _FACTORS:
+        while _differ_by_whole(q, step.in_column * times * factor):
+            times *= factor
+    if times == 1.0:
+        return step
+    size, unit = step.words.split()
+    in_column = step.in_column * times
+    counts = round(360.0 / in_column)
+    if step.unit == "deg" and np.isclose(counts * in_column, 360.0, rtol=1e-9):
+        return Step.of_counts(counts)
+    return Step(f"{float(size) * times:g} {unit}", in_column, step.unit, False)
+
+
+def _fewest_counts(q_deg: Array, step_deg: float) -> int | None:
+    """Return the fewest counts a turn by whole numbers of which positions (N,) differ; or None.
+
+    Of those that are larger than a step.
+    """
+    if len(q_deg) < _FEWEST_POSITIONS:
+        return None
+    # The resultant length for so many counts a turn is that harmonic of a histogram over a turn.
+    bins = (q_deg / 360.0 % 1.0 * _BINS).astype(np.intp) % _BINS
+    resultant = np.abs(np.fft.rfft(np.bincount(bins, minlength=_BINS))) / len(q_deg)
+    for counts in np.flatnonzero(resultant[: _MOST_COUNTS + 1] > _LEAST_RESULTANT).tolist():
+        if counts * step_deg * _LARGER > 360.0:
+            break
+        if counts >= _FEWEST_COUNTS and _differ_by_whole(q_deg, 360.0 / counts):
+            return int(counts)
+    return None
+
+
+def decimal_step(q: Array, *, slides: bool) -> Step | None:
     """Return the largest decimal step by whole numbers of which positions (N,) differ; or None.
 
     In a unit of turns, or in millimetres where the axis slides.
     """
     units, of_column = (_UNITS_OF_SLIDES, "mm") if slides else (_UNITS_OF_TURNS, "deg")
     found = [
-        DecimalStep(f"{decimal:g} {unit}", size * decimal, of_column)
+        Step(f"{decimal:g} {unit}", size * decimal, of_column)
         for unit, size in units.items()
         for decimal in _DECIMALS.tolist()
         if _differ_by_whole(q, size * decimal)
@@ -136,10 +214,13 @@ def axes_in_counts(raw: RawRows, arm: Arm) -> dict[int, float]:
     return {axis: per_turn for axis, per_turn in counts.items() if per_turn}
 
 
-def axes_in_decimals(raw: RawRows, arm: Arm) -> dict[int, DecimalStep]:
-    """Return the decimal steps of axes, from 0; of none with a stated uncertainty."""
+def axes_in_steps(raw: RawRows, arm: Arm) -> dict[int, Step]:
+    """Return the steps of axes, from 0, that may be roundings; of none with a stated uncertainty.
+
+    Programmed positions have such steps as well: the readings decide (`with_rounding`).
+    """
     steps = {
-        axis: decimal_step(raw[name], slides=bool(arm.axes_slide[axis]))
+        axis: rounding_step(raw[name], slides=bool(arm.axes_slide[axis]))
         for axis, name in _without_stated_uncertainty(raw, arm).items()
     }
     return {axis: step for axis, step in steps.items() if step is not None}
@@ -167,12 +248,18 @@ def notes_on_counts(counts_per_turn: Mapping[int, float]) -> list[str]:
     ]
 
 
-def warnings_of_decimals(steps: Mapping[int, DecimalStep]) -> list[str]:
-    """Return a warning for each step to which positions of axes, from 0, are rounded."""
+def warnings_of_steps(steps: Mapping[int, Step], times: float) -> list[str]:
+    """Return a warning for each step to which positions of axes, from 0, are rounded.
+
+    Args:
+        times: size of the errors of these joints, in units of those of rounding.
+    """
+    larger = f"; the readings show errors of joints about {times:.2g} times as large"
     return [
         f"{names}: joint positions are rounded to {step.words}, as the readings show, and count as "
-        f"uncertain by that rounding, {uncertainty_of(step.in_column):.2g} {step.unit}; log them "
-        "with more decimals"
+        f"uncertain by that rounding, {uncertainty_of(step.in_column):.2g} {step.unit}"
+        f"{larger if times > _TOLD_TIMES else ''}; log them "
+        + ("with more decimals" if step.decimal else "in finer steps, if the controller can")
         for step, names in _axes_by(steps).items()
     ]
 
@@ -186,57 +273,127 @@ def _axes_by(values: Mapping[int, V]) -> dict[V, str]:
 
 
 def with_rounding(
-    readings: Observations, steps: Mapping[int, DecimalStep], arm: Arm, payload: Payload | None
-) -> tuple[Observations, Mapping[int, DecimalStep]]:
-    """Return readings as uncertain as decimals make their joints, and the steps; none if exact.
+    readings: Observations, steps: Mapping[int, Step], arm: Arm, payload: Payload | None
+) -> Rounding:
+    """Return readings as uncertain as the rounding that they show makes their joints.
+
+    One verdict holds for all axes together: a log rounds all of them, or none. Only an axis whose
+    step is larger than another's may have that finer step instead, or none.
 
     Args:
         steps: of the axes, from 0, whose positions are whole numbers of such a step.
         payload: what the arm carries; None where that is not known.
     """
+    none, log = Rounding(readings, {}, 1.0), readings.log
+    if log is None or not _u_of_joints(steps, arm).any():
+        return none
+    try:
+        remainder = _remainder(readings.take(once_each(readings)), Chain.of(arm), payload)
+        if remainder is None:
+            return none
+        times, shown = _steps_shown(remainder, steps, arm)
+    except (CalibrationError, np.linalg.LinAlgError):
+        return none  # base, targets or the size of the errors are not determined
+    if times is None:
+        return none
+    u = _u_of_joints(shown, arm)
+    q_u = np.hypot(np.nan_to_num(log.q_u), u)
+    rounded = np.hypot(0.0 if log.q_u_rounded is None else log.q_u_rounded, np.full_like(q_u, u))
+    uncertain = replace(readings, log=replace(log, q_u=q_u, q_u_rounded=rounded))
+    return Rounding(uncertain, shown, times)
+
+
+def _u_of_joints(steps: Mapping[int, Step], arm: Arm) -> Array:
+    """Return standard uncertainties of the joints (n,) by the steps of axes, from 0 [rad, m]."""
     u_axes = np.zeros(len(arm.axes_slide))
     for axis, step in steps.items():
         u_axes[axis] = uncertainty_of(step.in_column)
-    u = arm.coupling.uncertainty(in_radians(u_axes[None], arm.axes_slide))[0]
-    log = readings.log
-    if log is None or not u.any() or not _show_rounding(readings, Chain.of(arm), payload, u):
-        return readings, {}
-    q_u = np.hypot(np.nan_to_num(log.q_u), u)
-    rounded = np.hypot(0.0 if log.q_u_rounded is None else log.q_u_rounded, np.full_like(q_u, u))
-    return replace(readings, log=replace(log, q_u=q_u, q_u_rounded=rounded)), steps
+    u: Array = arm.coupling.uncertainty(in_radians(u_axes[None], arm.axes_slide))[0]
+    return u
 
 
-def _show_rounding(readings: Observations, chain: Chain, payload: Payload | None, u: Array) -> bool:
-    """Return whether readings show errors of joints as of a rounding, with uncertainties u (n,).
+def _steps_shown(
+    remainder: _Remainder, steps: Mapping[int, Step], arm: Arm
+) -> tuple[float | None, Mapping[int, Step]]:
+    """Return what `_times_of_rounding` says of steps of axes, from 0, and these steps.
 
-    Every hypothesis bounds the errors of each joint, in units of u, beside noise of any size.
+    Positions of an axis that happen to lie on a grid have a larger step than others of their log.
+    Where the readings show that it is too large, the next finer step of another axis is tried, and
+    at last none, as such an axis may be exact. Most axes keep a step.
     """
-    try:
-        remainder = _remainder(readings.take(once_each(readings)), chain, payload)
-    except (CalibrationError, np.linalg.LinAlgError):
-        return False  # base and targets are not determined
-    if remainder is None:
-        return False
+    tried = steps
+    while 2 * len(tried) > len(steps):
+        u = _u_of_joints(tried, arm)
+        times = _times_of_rounding(remainder, u)
+        if times is not None:
+            return times, tried
+        finer = _with_finer_steps(remainder, tried, steps, arm)
+        if finer == tried:
+            break
+        tried = finer
+    return None, {}
+
+
+def _with_finer_steps(
+    remainder: _Remainder, tried: Mapping[int, Step], steps: Mapping[int, Step], arm: Arm
+) -> dict[int, Step]:
+    """Return steps of axes, from 0; finer than those tried where the readings show these too large.
+
+    An axis whose positions have no larger step than those of any other keeps its own.
+    """
+
+    def finer_than(step: Step) -> list[Step]:
+        return [
+            other
+            for other in steps.values()
+            if other.unit == step.unit and other.in_column * _LARGER < step.in_column
+        ]
+
+    on_grid = [axis for axis in tried if finer_than(steps[axis])]
+    if not on_grid:
+        return dict(tried)
+    u = _u_of_joints(tried, arm)
+    errors_of_any_size = remainder.likeliest(u, np.zeros(len(u)), np.full(len(u), _MOST_TIMES))
+    too_large = errors_of_any_size.times < _TOO_LARGE
+    moved_by_axis = arm.coupling.uncertainty(np.eye(len(arm.axes_slide))) > 0.0  # (axes, joints)
+    found = dict(tried)
+    for axis in on_grid:
+        if (moved_by_axis[axis] & too_large).any():
+            finer = finer_than(found.pop(axis))
+            if finer:
+                found[axis] = max(finer, key=lambda step: step.in_column)
+    return found
+
+
+def _times_of_rounding(remainder: _Remainder, u: Array) -> float | None:
+    """Return the size of errors of joints, where readings show these as of a rounding; else None.
+
+    The median of the joints that were rounded, in units of their uncertainties u (n,) by rounding.
+    Five hypotheses bound the errors of each joint, in these units, beside noise of any size: none;
+    1 or more; any size; 1; any size of two joints.
+    """
     no_errors, as_rounded, any_size = (np.full(len(u), times) for times in (0.0, 1.0, _MOST_TIMES))
 
     rounded_at_least = remainder.likeliest(u, as_rounded, any_size)
     noise_alone = remainder.likeliest(u, no_errors, no_errors)
     if rounded_at_least.log < noise_alone.log + _GAIN:
-        return False  # joints need no errors
+        return None  # joints need no errors
 
     errors_of_any_size = remainder.likeliest(u, no_errors, any_size)
     if rounded_at_least.log < errors_of_any_size.log - _MOST_LOST:
-        return False  # a joint is exact, as none is that was rounded
+        return None  # a joint is exact, as none is that was rounded
 
     just_rounded = remainder.likeliest(u, as_rounded, as_rounded)
     if just_rounded.log > errors_of_any_size.log - _AS_LIKELY:
-        return True  # every error is as large as rounding makes it
+        return 1.0  # every error is as large as rounding makes it
 
     # Errors are larger, so there are effects: these alone must not explain what remains.
     with_effects = remainder.moves_most(errors_of_any_size.times * u)
     of_effects = np.where(with_effects, any_size, no_errors)
     effects_alone = remainder.likeliest(u, no_errors, of_effects)
-    return rounded_at_least.log > effects_alone.log + _GAIN
+    if rounded_at_least.log <= effects_alone.log + _GAIN:
+        return None
+    return float(np.median(rounded_at_least.times[u > 0.0]))
 
 
 class _Likeliest(NamedTuple):
@@ -264,8 +421,8 @@ class _Remainder(NamedTuple):
             least, most: (n,) between which multiples of them the joints' errors may be.
         """
         kinds = len(self.of_kinds)
-        of_joints = np.einsum("pbj,pcj->jpbc", self.by_joints, self.by_joints)
-        of_joints = (of_joints * (u**2)[:, None, None, None]).reshape(len(u), -1)  # covariances
+        by_joint = np.einsum("pbj,pcj->jpbc", self.by_joints * u, self.by_joints * u)  # covariances
+        of_joints = by_joint.reshape(len(u), -1)  # one row a joint, for products with matrices
 
         def cost(x: Array) -> tuple[float, Array]:
             size = np.exp(x[:kinds]) @ self.of_kinds
@@ -302,7 +459,8 @@ def _remainder(readings: Observations, chain: Chain, payload: Payload | None) ->
     fit, start = ArmFit.begun(readings, chain, payload)
     _, left = fit.fitted(start)
     measured = fit.measured
-    free_share = 1.0 - left.taken.shape[2] / np.count_nonzero(measured.components_seen)
+    parameter_count = left.taken.shape[2]
+    free_share = 1.0 - parameter_count / np.count_nonzero(measured.components_seen)
     if free_share <= 0.0 or left.is_of_a_wrong_log:
         return None
     of_kinds = np.zeros((len(measured.component_kinds), left.residual.shape[1]), dtype=bool)

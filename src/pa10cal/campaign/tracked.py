@@ -43,10 +43,10 @@ from pa10cal.campaign.raw_rows import (
 from pa10cal.campaign.reading_noise import Uncertainty, Unstated, with_noise_shown
 from pa10cal.campaign.rounded_joints import (
     axes_in_counts,
-    axes_in_decimals,
+    axes_in_steps,
     notes_on_counts,
     uncertainty_of,
-    warnings_of_decimals,
+    warnings_of_steps,
     with_rounding,
 )
 from pa10cal.campaign.screens import refuse_too_many
@@ -86,7 +86,7 @@ def read_tracked(
     exclusions = exclusions_of(description, folder)
     read = _read_rows(file, columns, base_names, description, arm)
     raw = _usable_rows(read, file, columns, base_names, description, arm, exclusions)
-    counts_per_turn, decimals = axes_in_counts(raw, arm), axes_in_decimals(raw, arm)
+    counts_per_turn, steps = axes_in_counts(raw, arm), axes_in_steps(raw, arm)
     readings = _as_readings(raw, columns, base_names, description, arm, counts_per_turn)
     unstated = _unstated(raw, columns, description)
     once, again = _first_of_each_configuration(raw, readings, arm)
@@ -105,9 +105,9 @@ def read_tracked(
     screen.quarantine(off, screens.OTHER_COMMAND, screen.found.pose[off])
     refuse_too_many_lost()
     corrected = without_instrument_motion(screen.found, str(file.path), screen.T_base_ee)
-    beside_counts = {axis: decimals[axis] for axis in decimals.keys() - counts_per_turn.keys()}
+    beside_counts = {axis: steps[axis] for axis in steps.keys() - counts_per_turn.keys()}
     payload = description.payload(arm)
-    readings, rounded_to = with_rounding(corrected.readings, beside_counts, arm, payload)
+    readings, rounded_to, times = with_rounding(corrected.readings, beside_counts, arm, payload)
     chain, own = Chain.of(arm), readings.measured.stated_covariance
     uncertain = _uncertain_as_joints(readings, chain)
     noise = with_noise_shown(
@@ -138,7 +138,7 @@ def read_tracked(
         *screens.count_warnings(description.configurations, logged_count, raw.file),
         *screen.warnings,
         *corrected.warnings,
-        *warnings_of_decimals(rounded_to),
+        *warnings_of_steps(rounded_to, times),
         *file.words.contradicted_units(raw.file),
     ]
     absent = sorted(set(description.tool.balls_mm) - set(readings.measured.target_names))
