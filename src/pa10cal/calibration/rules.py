@@ -238,8 +238,7 @@ class Groups:
     # of an arm taken as new, what moved by so many standard uncertainties is named (level)
     clear_errors: float = 5.0
     most_named: int = 6  # the clearest of it (told)
-    enough_poses: int = 2000  # poses that say enough of how frames follow the arm (computing)
-    at_once: int = 300  # of them taken at once (computing)
+    at_once: int = 300  # poses whose derivatives by frames and arm are held at once (computing)
 
 
 @dataclass(frozen=True)

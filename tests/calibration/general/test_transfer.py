@@ -13,7 +13,16 @@ from made_up_poses import at_rest, context_of
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.statics import Payload
 from pa10cal.calibration.accuracy import summarise
-from pa10cal.calibration.general.refit_frames import refit_frames, with_tool_of
+from pa10cal.calibration.general import calibrate
+from pa10cal.calibration.general.fit import fit
+from pa10cal.calibration.general.problem import with_unknown_frames
+from pa10cal.calibration.general.refit_frames import (
+    FrameFit,
+    fit_with_targets_shown,
+    refit_frames,
+    with_tool_of,
+)
+from pa10cal.calibration.general.unknowns import choose_unknowns
 from pa10cal.errors import CalibrationError
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel
@@ -246,3 +255,52 @@ def test_poses_without_what_the_model_reads_are_refused(found):
     springy = on_springs("ur10", STIFFNESS, FIRST, {"delta_a_2"})
     with pytest.raises(CalibrationError, match=r"80 of 80 poses.*log the torques"):
         refit_frames(springy, poses)
+
+
+def test_poses_without_temperatures_are_refused_by_what_they_lack(see):
+    every = see("ur10", "pose", count=30, size=0.0)
+    states = replace(every.states, temperature_C=np.full(30, np.nan))
+    rigid = FittedModel(Model(Chain.of(ARM), ()), np.zeros(0), np.eye(4))
+    grown = with_effect(rigid, "thermal_growth", [1e-5])
+    assert refit_frames(grown, every).covariance is not None
+    with pytest.raises(CalibrationError, match=r"lack temperatures that.*; log the temperature"):
+        refit_frames(grown, every.with_states(states))
+
+
+# Targets that are seen in some poses only, and fits that do not converge.
+
+
+def test_targets_seen_in_turn_are_as_certain_as_among_few_poses(see):
+    """Whatever the number of poses: every pose counts, as which are seen may recur."""
+    known = FittedModel(
+        Model(Chain.of(ARM), ()), np.zeros(0), np.eye(4), covariance=np.zeros((6, 6))
+    )
+
+    def u_mm(count):
+        every = see("ur10", "points", count=count, size=0.0, noise_m=1e-5)
+        in_turn = every.measured.p_instr_m.copy()
+        in_turn[::2, 1], in_turn[1::2, [0, 2]] = np.nan, np.nan
+        every = replace(every, measured=replace(every.measured, p_instr_m=in_turn))
+        found = refit_frames(known, every)
+        return found.predict(every.states.q_rad[:20], frame="tool").u_mm.mean()
+
+    assert u_mm(4000) == pytest.approx(u_mm(1000) / 2.0, rel=0.2)
+
+
+def test_the_fit_without_heights_of_targets_is_taken_where_the_other_does_not_converge(see):
+    every = see("ur10", "points", count=30, size=0.0)
+    start = calibrate.find_start(ARM, every)
+    unknowns = choose_unknowns(ARM, Tolerances(), every.measured, start)
+    fewer = replace(unknowns, targets_kept=unknowns.targets_kept[:-1])
+
+    def fit_with(chosen):
+        problem, x_start = with_unknown_frames(
+            Model(Chain.of(ARM), ()), np.zeros(0), chosen, start, every
+        )
+        found = fit(problem, x_start)
+        all_free = len(chosen.targets_kept) == len(start.targets_m)
+        return FrameFit(problem, x_start, replace(found, converged=not all_free))
+
+    found = fit_with_targets_shown(fewer, start, fit_with)
+    assert found.solution.converged
+    assert len(found.problem.places) == len(fewer.targets_kept)

@@ -36,6 +36,13 @@ from pa10cal.terms.wrapped import OfPart, about_moved_base, fixed
 
 F = TypeVar("F", bound=Fitted)
 
+#: What poses may lack, by what a term depends on, and the remedy. Others depend on torques.
+_LACKING = {
+    None: ("torques", "log the torques, or describe the masses of the arm"),
+    "temperature_C": ("temperatures", "log the temperature in every pose"),
+    "time_s": ("times", "log the time of every pose"),
+}
+
 
 class FrameFit(NamedTuple):
     """A fit of frames about a known arm."""
@@ -60,7 +67,7 @@ def fit_with_targets_shown(
     base_is_free = len(unknowns.base.parameters) == len(BASE)
     if base_is_free and 0 < len(unknowns.targets_kept) < len(start.targets_m):
         fit_of_all = fit_with(replace(unknowns, targets_kept=np.arange(len(start.targets_m))))
-        if _identifies_all(fit_of_all):
+        if fit_of_all.solution.converged and _identifies_all(fit_of_all):
             return fit_of_all
     return fit_with(unknowns)
 
@@ -90,9 +97,9 @@ def refit_frames(model: F, observations: Observations, cuts_s: Sequence[float] =
     known_arm = Model(chain, tuple(fixed(term, model.values_of(term)) for term in arm_terms))
     _check_complete(known_arm, observations)
 
-    def fit_with(unknowns: ChosenUnknowns) -> FrameFit:
-        nothing = np.zeros(0)
-        problem, x_start = with_unknown_frames(known_arm, nothing, unknowns, start, observations)
+    def fit_with(chosen: ChosenUnknowns) -> FrameFit:
+        x_arm = np.zeros(0)  # no parameter of the arm is an unknown
+        problem, x_start = with_unknown_frames(known_arm, x_arm, chosen, start, observations)
         return FrameFit(problem, x_start, fit(problem, x_start))
 
     found = fit_with_targets_shown(unknowns, start, fit_with)
@@ -127,17 +134,30 @@ def _bases_of_parts(base: Offsets, cuts_s: Sequence[float]) -> Iterator[OfPart]:
 
 
 def _check_complete(known_arm: Model, observations: Observations) -> None:
-    """Refuse poses whose states lack something that the terms of a known arm read."""
-    predicted = known_arm.predict(observations.states, np.zeros(0))
+    """Refuse poses whose states lack something that the terms of a known arm read.
+
+    Raises:
+        CalibrationError: with what they lack, and how to provide it.
+    """
+    nothing = np.zeros(0)
+    predicted = known_arm.predict(observations.states, nothing)
     incomplete = int(np.count_nonzero(~np.isfinite(predicted).all(axis=(1, 2))))
-    if incomplete:
-        raise CalibrationError(
-            "poses lack torques, temperatures or times that the model needs",
-            where="grid poses",
-            value=f"{incomplete} of {len(observations)} poses",
-            allowed="poses with all that its springs and effects depend on",
-            remedy="log the torques, or describe the masses of the arm",
-        )
+    if not incomplete:
+        return
+    carried = known_arm.carried(observations.states, nothing)
+    lacking = {
+        term.depends_on
+        for term in known_arm.terms
+        if not np.isfinite(term.shift(carried, nothing)).all()
+    }
+    what, remedies = zip(*(_LACKING[each] for each in _LACKING if each in lacking), strict=True)
+    raise CalibrationError(
+        f"poses lack {' and '.join(what)} that the model needs",
+        where="grid poses",
+        value=f"{incomplete} of {len(observations)} poses",
+        allowed="poses with all that its springs and effects depend on",
+        remedy="; ".join(remedies),
+    )
 
 
 def _identifies_all(found: FrameFit) -> bool:
@@ -176,11 +196,11 @@ def _covariance_of_carried(
 ) -> Array | None:
     """Return the joint covariance of the arm, of refitted frames, and of the base's six motions.
 
-    With d the error of the arm's parameters the refitted frames err by -N^-1 C d, where N is the
-    normal matrix of the frames and C its block by the arm: what frames can take up of an error of
-    the arm is no error of predictions any more. Their noise adds N^-1. Rows have the weights that
-    the fit ended with, so that noise beyond what the instrument states is part of it; errors of the
-    arm that frames cannot take up are in that scatter too.
+    With d the error of the arm's parameters the refitted ones err by -N^-1 C d, where N is their
+    normal matrix and C its block by the arm: what frames can take up of an error of the arm is no
+    error of predictions any more. Their noise adds N^-1. Rows have the weights that the fit ended
+    with, so that noise beyond what the instrument states is part of it; errors of the arm that
+    frames cannot take up are in that scatter too.
 
     Args:
         arm_terms: terms of the model that belong to the arm.
@@ -192,49 +212,48 @@ def _covariance_of_carried(
     """
     if model.covariance is None:
         return None
-    at_arm = model.model.parameter_indices(*arm_terms)
-    of_arm = model.covariance[np.ix_(at_arm, at_arm)]
+    of_arm = model.model.parameter_indices(*arm_terms)
+    cov_arm = model.covariance[np.ix_(of_arm, of_arm)]
+    # Parameters are in the order arm | frames | base | targets; the last three were refitted.
     terms = (*arm_terms, *unknowns.frames, unknowns.base)
     problem = replace(found.problem, model=Model(model.model.chain, terms))
-    x = np.concatenate([model.x[at_arm], found.solution.x])
-    normal = _normal_rows_of_frames(problem, x, found.solution, len(at_arm))
-    by_arm, by_frames = normal[:, : len(at_arm)], normal[:, len(at_arm) :]
-    scale = 1.0 / np.sqrt(np.diag(by_frames))
-    inverse = np.linalg.pinv(by_frames * np.outer(scale, scale)) * np.outer(scale, scale)
-    follow = -inverse @ by_arm
-    across = follow @ of_arm
-    of_frames = across @ follow.T + found.solution.widening**2 * inverse
-    whole = np.block([[of_arm, across.T], [across, of_frames]])
-    # Coordinates of targets are not kept; motions of the base that were no unknowns have none.
-    kept, base = slice(0, len(problem.model.parameters)), unknowns.base.coordinates
-    count = len(problem.model.parameters) - len(base)
-    covariance = np.zeros((count + len(BASE),) * 2)
-    at_base = count + np.array([BASE.index(name) for name in base])
-    at = np.concatenate([np.arange(count), at_base])
-    covariance[np.ix_(at, at)] = whole[kept, kept]
+    x = np.concatenate([model.x[of_arm], found.solution.x])
+    normal = _normal_rows_of_refitted(problem, x, found.solution, len(of_arm))
+    by_arm, by_refitted = normal[:, : len(of_arm)], normal[:, len(of_arm) :]
+    scale = 1.0 / np.sqrt(np.diag(by_refitted))
+    cov_noise = np.linalg.pinv(by_refitted * np.outer(scale, scale)) * np.outer(scale, scale)
+    refitted_by_arm = -cov_noise @ by_arm
+    cov_refitted_arm = refitted_by_arm @ cov_arm
+    cov_refitted = cov_refitted_arm @ refitted_by_arm.T + found.solution.widening**2 * cov_noise
+    joint = np.block([[cov_arm, cov_refitted_arm.T], [cov_refitted_arm, cov_refitted]])
+    # Targets are not kept; motions of the base that were no unknowns have zero variance.
+    before_base = len(problem.model.parameters) - len(unknowns.base.coordinates)
+    of_base = [before_base + BASE.index(name) for name in unknowns.base.coordinates]
+    kept = np.array([*range(before_base), *of_base], dtype=np.intp)
+    covariance = np.zeros((before_base + len(BASE),) * 2)
+    covariance[np.ix_(kept, kept)] = joint[: len(kept), : len(kept)]
     return covariance
 
 
-def _normal_rows_of_frames(
-    problem: Problem, x: Array, solution: GeneralSolution, arm_count: int
+def _normal_rows_of_refitted(
+    problem: Problem, x: Array, solution: GeneralSolution, arm_parameter_count: int
 ) -> Array:
-    """Return the rows of the normal matrix (f, k) that belong to the frames.
+    """Return the rows of the normal matrix (f, k) that belong to frames, base and targets.
 
     Args:
         problem: with the terms of the arm, those of the frames and of the base as unknowns.
-        x: (k,) its unknowns, those of the arm first, `arm_count` in number.
+        x: (k,) its unknowns, those of the arm first, `arm_parameter_count` in number.
         solution: the fit of the frames, for the weights of its rows.
     """
     pose_count = len(problem.observations)
-    # A part of the poses is enough, and taken in batches: Jacobians of maps have many columns.
-    every = max(1, pose_count // GROUPS.enough_poses)
-    normal = np.zeros((len(x) - arm_count, len(x)))
-    for first in range(0, pose_count, every * GROUPS.at_once):
-        rows = np.arange(first, min(first + every * GROUPS.at_once, pose_count), every)
+    normal = np.zeros((len(x) - arm_parameter_count, len(x)))
+    # In batches, as Jacobians of maps have many columns.
+    for first in range(0, pose_count, GROUPS.at_once):
+        rows = np.arange(first, min(first + GROUPS.at_once, pose_count))
         part = replace(problem, observations=problem.observations.take(rows))
         root = np.sqrt(solution.weights[rows])[:, None, None]
         white = (root * solution.whitener[rows] @ part.rows(x).jacobian).reshape(-1, len(x))
-        normal += every * white[:, arm_count:].T @ white
+        normal += white[:, arm_parameter_count:].T @ white
     return normal
 
 
@@ -264,38 +283,42 @@ def with_tool_of(model: F, payload: Payload | None, *, logged: bool = False) -> 
     x, covariance = model.x.copy(), model.covariance
     for term in filter(holds_weights, model.model.terms):
         columns = model.model.parameter_indices(term)
-        kept, rest_variance = _kept_by_arm(term, before, there, payload)
+        kept, added_variance = _kept_by_arm(term, before, there, payload)
         x[columns] *= kept
         if covariance is not None:
             shrink = np.ones(len(covariance))
             shrink[columns] = kept
             covariance = covariance * np.outer(shrink, shrink)
-            covariance[columns, columns] += rest_variance
+            covariance[columns, columns] += added_variance
     return replace(model, x=x, covariance=covariance, payload=payload)
 
 
 def _kept_by_arm(
     term: Weights, before: WeightSizes | None, there: WeightSizes, payload: Payload
 ) -> tuple[Array, Array]:
-    """Return the part of each weight (k,) that belongs to the arm, and the variance of the rest.
+    """Return the part of each weight (k,) that belongs to the arm, and the variance to add.
+
+    Tilts of gravity and the mass of the tool belong to a campaign: none is kept, and they are as
+    uncertain as in the other one. The first moment m of the last link and the tool is divided by
+    their variances L and T: that of the link is m L / (L + T), with the variance L T / (L + T), to
+    which that of the other campaign's tool is added.
 
     Args:
         before: uncertainties of the weights in the campaign of the model; None where not known.
         there: their uncertainties in the other campaign.
         payload: what the arm carries there.
     """
-    sizes, kept, rest_variance = (
-        np.array(term.sizes),
-        np.ones(len(term.sizes)),
-        np.zeros(len(term.sizes)),
-    )
-    kept[term.of_level], rest_variance[term.of_level] = 0.0, there.level_rad**2
+    sizes = np.array(term.sizes)
+    kept, added_variance = np.ones(len(sizes)), np.zeros(len(sizes))
+    kept[term.of_level] = 0.0
+    added_variance[term.of_level] = there.level_rad**2
     if not payload.known:
-        return kept, rest_variance
-    kept[term.of_tool_mass], rest_variance[term.of_tool_mass] = 0.0, there.payload_kg**2
+        return kept, added_variance
+    kept[term.of_tool_mass] = 0.0
+    added_variance[term.of_tool_mass] = there.payload_kg**2
     moment = term.of_last_moment & (sizes > 0.0)
     tool_kg_m = 0.0 if before is None else before.payload_kg_m
-    of_link = np.maximum(0.0, sizes[moment] ** 2 - tool_kg_m**2)
-    kept[moment] = of_link / sizes[moment] ** 2
-    rest_variance[moment] = of_link * (1.0 - kept[moment]) + there.payload_kg_m**2
-    return kept, rest_variance
+    link_variance = np.maximum(0.0, sizes[moment] ** 2 - tool_kg_m**2)
+    kept[moment] = link_variance / sizes[moment] ** 2
+    added_variance[moment] = link_variance * (1.0 - kept[moment]) + there.payload_kg_m**2
+    return kept, added_variance
