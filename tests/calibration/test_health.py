@@ -69,6 +69,11 @@ def health(fit, evidence):
     return health_of(replace(evidence, ended=fit))
 
 
+def by_check(fit, evidence):
+    """The checks of a calibration by what they ask."""
+    return {each.check: each for each in health(fit, evidence).checks}
+
+
 def repeats(found=1e-5, stated=1e-5, kind="position"):
     """What repeats show of the stated uncertainty."""
     return (RepeatScatter(kind=kind, found=found, stated=stated, pairs=100),)
@@ -105,6 +110,22 @@ GUESS = InputFinding(
     would_leave_mm=0.02,
     kind="joint_sign",
 )
+AT_BOUNDS = "no parameter is at the end of its range"
+REPEATS = "the stated uncertainty agrees with the scatter of repeats"
+#: Checks of which one or more fail with a grade.
+OF_GRADE = {
+    "good": set(),
+    "few_poses": {
+        "everything that other poses could determine is determined",
+        "predicted positions are certain enough",
+    },
+    "incomplete": {
+        "noise explains the remaining error",
+        "held-out poses agree with what the fit promises",
+    },
+    "suspect_input": {"nothing in the input is suspect", f"{REPEATS}, position"},
+    "not_converged": {"the fit converged"},
+}
 BAD = HeldOut(accuracy(0.04, 0.1, 0.05, 60))
 
 
@@ -116,7 +137,7 @@ BAD = HeldOut(accuracy(0.04, 0.1, 0.05, 60))
         ({"poses": 8}, {}, "good", "have a standard uncertainty of 0.009 mm"),
         ({"poses": 8}, {"wanted_mm": 0.01}, "good", "have a standard uncertainty of 0.009 mm"),
         ({"at_bound": "cubic_share_2"}, {}, "good", "K_cub_2 at the end"),
-        ({}, {"suspected_outliers": 1}, "good", "1 suspected outlier has less weight in the fit"),
+        ({}, {"suspected_outliers": 1}, "good", "1 suspected outlier; weights in the fit: tables/"),
         ({"told": 5, "hidden": frozenset({"delta_a_6"})}, {}, "good", "rank 5"),
         ({}, {"held_out": None}, "good", "fitted, as the noise explains"),
         ({}, {"repeats": repeats(1.3e-5)}, "good", "as the noise of 0.022 mm"),
@@ -154,6 +175,35 @@ def test_the_rule(fit, left, grade, says):
     assert found.grade == grade, found.line
     assert says in found.line
     assert bool(found.findings) == (grade == "suspect_input")
+    fails = {each.check for each in found.checks if each.passes is False}
+    assert bool(fails & OF_GRADE[grade]) == (grade != "good")
+    assert grade != "good" or fails <= {AT_BOUNDS}
+
+
+def test_a_check_answers_what_it_asks():
+    suspect = by_check(ended(), errors(findings=(GUESS,), held_out=None))
+    assert suspect["nothing in the input is suspect"].passes is False
+    noise = suspect["noise explains the remaining error"]
+    assert (noise.passes, noise.limit) == (True, "1.50 times")
+    assert noise.found.endswith("0.99 times the stated noise of 0.017 mm")
+    assert suspect["held-out poses agree with what the fit promises"].passes is None
+    badly_held_out = by_check(ended(), errors(held_out=BAD))
+    assert badly_held_out["noise explains the remaining error"].passes
+    found = by_check(ended(), errors(repeats=repeats(0.5e-5)))
+    assert "2.00 times the noise by repeats" in found["noise explains the remaining error"].found
+
+
+def test_a_spring_at_its_rigid_end_is_at_no_end():
+    found = health(ended(at_bound="windup_2"), errors())
+    assert found.at_bounds == ("K_lin_2",)
+    assert {each.check: each.passes for each in found.checks}[AT_BOUNDS]
+
+
+def test_the_check_of_repeats_has_the_limits_of_the_grade():
+    touched = by_check(ended(), errors(repeats=repeats(0.1e-5), from_touches=True))
+    assert touched[f"{REPEATS}, position"].passes
+    turned = by_check(ended(), errors(repeats=repeats(1e-4, kind="attitude")))
+    assert turned[f"{REPEATS}, attitude"].passes
 
 
 def test_distances_need_as_many_poses_as_there_are_unknowns():

@@ -13,7 +13,7 @@ from pa10cal.reports.blocks import Grid
 from pa10cal.reports.errors import errors_of
 from pa10cal.reports.formatting import with_interval
 from pa10cal.reports.measured import measurement_section
-from pa10cal.reports.missing import missing, poses_in_words
+from pa10cal.reports.missing import missing, number_needed, poses_in_words
 from pa10cal.reports.outcome import verdict
 from pa10cal.reports.page import SECTIONS
 from pa10cal.reports.render import images
@@ -68,12 +68,14 @@ class TestSuspectedOutliers:
             changed_from(
                 sighted["pose"], COMBINED, lambda r, of=of: r.update(suspected_outliers=of)
             )
-            for of in ([entry], [])
+            for of in ([entry, entry], [])
         )
+        assert "| no suspected outlier | P007 |  | no |" in lines(trust, source)
+        assert "Suspected outliers, with their weight in the fit" in lines(trust, source)
         assert f"| P007 | 0 | 8.25 | 0.400 | {entry['why']} |" in lines(trust, source)
         table = tabulate_suspected_outliers(source)
         assert table.data.loc[0].tolist() == ["P007", 0.0, 8.25, 0.4, entry["why"]]
-        assert f"1 of {source.general_calibration().health.poses.measured} poses" in table.notes[0]
+        assert f"2 of {source.general_calibration().health.poses.measured} poses" in table.notes[0]
         write_table(tabulate_suspected_outliers(none), "", tmp_path, "table")
         assert "| none | – | – | – | – |" in (tmp_path / "table.md").read_text("utf-8")
 
@@ -138,6 +140,15 @@ class TestHealth:
         assert any(line.startswith("Basis of the grade of the calibration") for line in found)
         rank = f"| rank {case.health.rank} of {case.health.unknowns}, condition number"
         assert any(rank in line for line in found)
+        for each in case.health.checks:
+            passes = {True: "yes", False: "no", None: "–"}[each.passes]
+            assert f"| {each.check} | {each.found} | {each.limit} | {passes} |" in found
+
+    def test_results_of_an_earlier_version_hold_no_checks(self, changed_from, sighted):
+        source = changed_from(
+            sighted["pose"], COMBINED, lambda record: record["health"].pop("checks")
+        )
+        assert any("not in results of an earlier version" in line for line in lines(trust, source))
 
     def test_correlated_pairs_and_what_is_not_known(self, changed_from, sighted):
         def change(record):
@@ -148,8 +159,8 @@ class TestHealth:
         source = changed_from(sighted["pose"], COMBINED, change)
         assert "| δa₂ | δd₄ | -0.988 |" in lines(missing, source)
         ordered = len(source.general_calibration().health.poses.d_optimal_order)
-        said = f"more than {ordered} well-chosen poses"
-        assert any(said in line for line in lines(trust, source))
+        poses = source.general_calibration().health.poses
+        assert number_needed(poses) == f"more than {ordered}"
 
     def test_poses_that_reach_an_uncertainty_may_be_more_than_are_ordered(self, sighted):
         poses = sighted["pose"].general_calibration().health.poses
@@ -164,6 +175,12 @@ class TestVerdict:
     @pytest.fixture
     def changed(self, named, changed_from):
         return partial(changed_from, named, VERDICT)
+
+    def test_evidence_of_the_effect_in_whose_place_another_stands_is_called_so(self, changed):
+        other = {"id": "backlash", "of": "joint 2"}
+        source = changed(lambda record: record["effects"][0].update(evidence_of=other))
+        said = "| of backlash at joint 2, in whose place it stands: "
+        assert any(said in line for line in lines(trust, source))
 
     def test_effects_that_cannot_be_shown_have_a_row_each(self, changed):
         places = [

@@ -111,6 +111,34 @@ class GradeEvidence:
         return tuple(sorted(self.ended.not_identifiable - self.ended.hidden))
 
     @property
+    def is_determined(self) -> bool:
+        """Return whether these poses determine what others could, and so a predicted position."""
+        return bool(np.isfinite(self.u_model_mm)) and not self.undetermined
+
+    @property
+    def held_at_bounds(self) -> tuple[str, ...]:
+        """Return the parameters at the end of their physical range.
+
+        A linear spring at its lower bound is not: it is a joint as rigid as the readings can show.
+        """
+        rigid = {*self.ended.having("windup")} - {*self.ended.at_upper_bound}
+        return tuple(name for name in self.ended.at_bound if name not in rigid)
+
+    def accepted_scatter(self, scatter: records.RepeatScatter) -> tuple[float, float]:
+        """Return the least and the most that repeats may scatter by, as stated [m or rad]."""
+        attitude = scatter.is_of_attitude
+        ratio = GRADES.attitude_ratio if attitude else GRADES.stated_ratio
+        # Readings of the joints scatter, too.
+        joints = GRADES.joint_rad * (1.0 if attitude else 1e-3 * self.spread_mm)
+        least = scatter.stated / most_stated(ratio, from_touches=self.from_touches)
+        return least, ratio * float(np.hypot(scatter.stated, joints))
+
+    @property
+    def required_mm(self) -> float:
+        """Return the uncertainty of predictions that is required: else that of one reading."""
+        return self.wanted_mm or self.single_mm
+
+    @property
     def springs_explain_most(self) -> bool:
         """Return whether springs explain a large part of the squared error with rigid joints."""
         rigid_mm = self.without_springs_mm
@@ -245,10 +273,10 @@ class GradeEvidence:
         return limit * float(np.hypot(reading_mm, of_targets_mm)) / own_mm
 
     @property
-    def over_expected(self) -> float | None:
-        """Return the held-out error over the expected one, if chance does not explain it; or None.
+    def over_promised(self) -> float | None:
+        """Return the held-out error over the one that the fit promises; None without one.
 
-        Expected is the model error of the fit, the noise (larger where fewer readings were
+        Promised are the model error of the fit, the noise (larger where fewer readings were
         averaged) and the uncertainty of the predictions.
         """
         held_out = self.held_out
@@ -257,11 +285,25 @@ class GradeEvidence:
         noise_mm = min(self.reading_noise_mm or self.error_mm, self.error_mm)
         model_mm2 = self.error_mm**2 - noise_mm**2
         u_mm = self.u_model_mm if held_out.u_mm is None else held_out.u_mm
-        expected_mm = float(np.sqrt(model_mm2 + noise_mm**2 / held_out.repeats + u_mm**2))
-        ratio = held_out.accuracy.rms_mm / expected_mm
-        count = max(held_out.accuracy.configurations, 1)
-        limit = max(GRADES.over_expected, 1.0 + GRADES.chance_errors / np.sqrt(2.0 * count))
-        return ratio if ratio > limit else None
+        promised_mm = float(np.sqrt(model_mm2 + noise_mm**2 / held_out.repeats + u_mm**2))
+        return held_out.accuracy.rms_mm / promised_mm
+
+    @property
+    def most_over_promised(self) -> float:
+        """Return the largest held-out error over the promised one that chance explains."""
+        count = max(self.held_out.accuracy.configurations, 1) if self.held_out else 1
+        return max(GRADES.over_expected, 1.0 + GRADES.chance_errors / float(np.sqrt(2.0 * count)))
+
+    @property
+    def over_expected(self) -> float | None:
+        """Return the held-out error over the promised one, if chance does not explain it."""
+        ratio = self.over_promised
+        return ratio if ratio is not None and ratio > self.most_over_promised else None
+
+
+def most_stated(factor: float = GRADES.stated_ratio, *, from_touches: bool) -> float:
+    """Return the largest stated uncertainty over the scatter of repeats that is accepted."""
+    return max(factor, GRADES.touches_ratio) if from_touches else factor
 
 
 # Departures from nominal that no arm was built with, and what they look like, as findings.

@@ -12,6 +12,7 @@ import numpy as np
 
 from pa10cal.arm.description import weights_known
 from pa10cal.calibration.fit_summary import correlated
+from pa10cal.calibration.grade_checks import grade_checks
 from pa10cal.calibration.grade_evidence import GradeEvidence
 from pa10cal.calibration.rules import GRADES
 from pa10cal.results import calibration as records
@@ -34,6 +35,7 @@ def health(evidence: GradeEvidence) -> records.Health:
     return records.Health(
         grade=grade,
         line=line,
+        checks=tuple(grade_checks(evidence, findings)),
         converged=ended.solution.converged,
         reason=ended.solution.reason,
         iterations=ended.solution.iterations,
@@ -145,11 +147,6 @@ def _is_settled(finding: records.InputFinding, evidence: GradeEvidence) -> bool:
     return finding.kind in _OF_JOINTS and left_mm is not None and left_mm > evidence.train_rms_mm
 
 
-def most_stated(factor: float = GRADES.stated_ratio, *, from_touches: bool) -> float:
-    """Return the largest stated uncertainty over the scatter of repeats that is accepted."""
-    return max(factor, GRADES.touches_ratio) if from_touches else factor
-
-
 def _errors(evidence: GradeEvidence) -> str:
     """Return in words the remaining errors of fitted and of held-out poses."""
     fitted = f"{evidence.train_rms_mm:.3f} mm"
@@ -193,14 +190,9 @@ def _suspected(evidence: GradeEvidence) -> Iterator[records.InputFinding]:
 def _stated(evidence: GradeEvidence) -> Iterator[records.InputFinding]:
     """Return where the stated uncertainty disagrees with repeats, or with the remaining error."""
     for scatter in evidence.repeats:
-        attitude = scatter.is_of_attitude
-        unit, ratio = ("mrad", GRADES.attitude_ratio) if attitude else ("mm", GRADES.stated_ratio)
-        # Readings of the joints scatter, too.
-        joints = GRADES.joint_rad * (1.0 if attitude else 1e-3 * evidence.spread_mm)
-        too_small = scatter.found > ratio * np.hypot(scatter.stated, joints)
-        largest = most_stated(ratio, from_touches=evidence.from_touches) * scatter.found
-        too_large = scatter.stated > largest
-        if too_small or too_large:
+        least, most = evidence.accepted_scatter(scatter)
+        if not least <= scatter.found <= most:
+            unit = "mrad" if scatter.is_of_attitude else "mm"
             yield records.InputFinding(
                 what=f"{1e3 * scatter.stated:.2g} {unit} is stated, repeats scatter by "
                 f"{1e3 * scatter.found:.2g} {unit}",
@@ -289,7 +281,7 @@ def _uncertain(evidence: GradeEvidence) -> str:
 
     If none is required, it is that of a single reading.
     """
-    u_mm, wanted_mm = evidence.u_model_mm, evidence.wanted_mm or evidence.single_mm
+    u_mm, wanted_mm = evidence.u_model_mm, evidence.required_mm
     if u_mm <= wanted_mm:
         return ""
     more = int(np.ceil(len(evidence.ended.white) * ((u_mm / wanted_mm) ** 2 - 1.0)))
@@ -304,11 +296,7 @@ def _uncertain(evidence: GradeEvidence) -> str:
 
 def _remarks(evidence: GradeEvidence) -> Iterator[str]:
     """Return what a reader should know besides the grade."""
-    # A linear spring at its lower bound is a joint as rigid as the readings can show: no remark.
-    ended = evidence.ended
-    rigid = {*ended.having("windup")} - {*ended.at_upper_bound}
-    held = tuple(name for name in ended.at_bound if name not in rigid)
-    if held:
+    if held := evidence.held_at_bounds:
         yield f"{_listed(held)} at the end of the physical range"
     if evidence.weights:
         yield (
@@ -355,10 +343,8 @@ def _remarks(evidence: GradeEvidence) -> Iterator[str]:
     if evidence.ended.identifiability.condition > GRADES.condition:
         yield f"condition number {evidence.ended.identifiability.condition:.1e}"
     if count := evidence.suspected_outliers:
-        many = "s have" if count > 1 else " has"
-        yield (
-            f"{count} suspected outlier{many} less weight in the fit; see tables/suspected_outliers"
-        )
+        many = "s" if count > 1 else ""
+        yield f"{count} suspected outlier{many}; weights in the fit: tables/suspected_outliers"
         yield from _shown_by_outliers(evidence)
 
 

@@ -12,7 +12,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from pa10cal.calibration.health import most_stated
+from pa10cal.calibration.grade_evidence import most_stated
 from pa10cal.calibration.rules import GRADES
 from pa10cal.discovery.field import with_field
 from pa10cal.discovery.finding import Finding, Rival, is_named, name_of

@@ -102,11 +102,22 @@ class PosesNeeded(record.Part):
     expected: tuple[ExpectedUncertainty, ...]  # uncertainty against the number of poses
 
 
+class GradeCheck(record.Part):
+    """One of the checks of a calibration, in words."""
+
+    check: str  # what should hold
+    found: str  # what was found
+    limit: str  # up to which it holds; empty where there is no number
+    passes: bool | None  # whether it holds; null where it could not be tested
+
+
 class Health(record.Part):
     """What to look at before a calibration is trusted."""
 
     grade: Grade  # how good it is; the rule is in `docs/general.md`
     line: str  # the reason for it, in one sentence, with the remedy
+    # what the grade rests on; empty in results of earlier versions
+    checks: tuple[GradeCheck, ...] = ()
     converged: bool  # whether the fit converged
     reason: str  # why the fit stopped
     iterations: int  # steps of the fit
@@ -360,12 +371,6 @@ class CalibrationRecord(Fit, record.MeasuredRecord):
         """Return where the weights of the links come from: `stated`, `logged`, or as `ASSUMED`."""
         arm: Any = self.fitted_model["arm"]
         return str(arm.get("weights", {}).get("from", "stated"))
-
-    @property
-    def noise_is(self) -> str:
-        """Return what `health.noise_mm` is of, in words."""
-        found = self.model == "paper" and self.health.repeats
-        return "scatter of all repeats" if found else "stated uncertainty"
 
     @property
     def torques_logged(self) -> bool:
