@@ -190,7 +190,7 @@ def test_a_check_answers_what_it_asks():
     badly_held_out = by_check(ended(), errors(held_out=BAD))
     assert badly_held_out["noise explains the remaining error"].passes
     found = by_check(ended(), errors(repeats=repeats(0.5e-5)))
-    assert "2.00 times the noise by repeats" in found["noise explains the remaining error"].found
+    assert "1.98 times the noise by repeats" in found["noise explains the remaining error"].found
 
 
 def test_a_spring_at_its_rigid_end_is_at_no_end():
