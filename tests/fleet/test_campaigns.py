@@ -2,13 +2,15 @@
 
 import csv
 import io
+import shutil
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
 from pa10cal.errors import SettingsError
 from pa10cal.fleet import arm_status
-from pa10cal.fleet.arm_status import fleet_csv, fleet_record
+from pa10cal.fleet.arm_status import fleet_csv, fleet_record, forget_ended
 from pa10cal.fleet.campaigns import ListedCampaign, campaigns_of, in_order
 from pa10cal.reports.page import fleet_page_text
 from pa10cal.results.codec import write
@@ -185,9 +187,10 @@ def one_arm(tmp_path, monkeypatch):
     """Make an arm measured again and again; comparisons say which folders they compare."""
 
     def make(*became, compared=lambda previous, current: (True, f"{previous} {current}")):
-        monkeypatch.setattr(
-            arm_status, "_compared", lambda one, other: compared(one.name, other.name)
-        )
+        def comparison(one, other):
+            return arm_status._Comparison(*compared(one.name, other.name))
+
+        monkeypatch.setattr(arm_status, "_compared", comparison)
         listed = []
         for number, changes in enumerate(became):
             name = f"c-{number}"
@@ -217,12 +220,60 @@ def test_that_a_campaign_could_not_be_compared_is_told(one_arm):
 
 @pytest.mark.parametrize("moved", [(), ("joint_zero of joint 3",)])
 def test_what_moved_is_told_where_the_flanges_agree_too(monkeypatch, tmp_path, moved):
-    what = SimpleNamespace(moved=moved, line="joint 3 moved")
+    verdict = "joint_zero_moved" if moved else "unchanged"
+    what = SimpleNamespace(moved=moved, line="joint 3 moved", verdict=verdict)
     record = SimpleNamespace(agree=True, line="the models agree", what_moved=what)
     monkeypatch.setattr("pa10cal.evaluation.two_models.compare_models", lambda *_, **__: record)
     monkeypatch.setattr("pa10cal.fit.model_reading.load_model", lambda folder: folder)
     line = "joint 3 moved; the models agree" if moved else "the models agree"
-    assert arm_status._compared(tmp_path / "one", tmp_path / "other") == (True, line)
+    assert arm_status._compared(tmp_path / "one", tmp_path / "other")[:2] == (True, line)
+
+
+def test_an_arm_that_moved_needs_attention_where_flanges_cannot_be_compared(one_arm):
+    moved = (None, "joint 3 moved; whether the models agree cannot be judged", True)
+    (arm,) = one_arm(GOOD, GOOD, compared=lambda *_: moved).arms
+    assert (arm.attention, arm.why) == ("moved", moved[1])
+
+
+def test_what_moved_is_known_without_common_angles(monkeypatch, tmp_path):
+    what = SimpleNamespace(moved=("j",), line="joint 3 moved", verdict="joint_zero_moved")
+    record = SimpleNamespace(agree=None, line="not judged", what_moved=what)
+    monkeypatch.setattr("pa10cal.evaluation.two_models.compare_models", lambda *_, **__: record)
+    monkeypatch.setattr("pa10cal.fit.model_reading.load_model", lambda folder: folder)
+    found = arm_status._compared(tmp_path / "one", tmp_path / "other")
+    assert found == (None, "joint 3 moved; not judged", True)
+
+
+@pytest.mark.parametrize("verdict", ["none", "not_sought", "named"])
+def test_an_incomplete_model_needs_attention_unless_the_effect_is_named(fleet, verdict):
+    (arm,) = fleet(GOOD | {"grade": "incomplete", "verdict": verdict}).arms
+    assert arm.attention == ("none" if verdict == "named" else "incomplete")
+    assert arm.why == "incomplete: as the noise explains"
+
+
+def test_a_result_without_a_grade_is_none(fleet):
+    (arm,) = fleet(GOOD | {"grade": None, "line": None}).arms
+    assert (arm.attention, arm.why) == ("no_result", "done, without a grade")
+
+
+def test_an_outcome_of_another_campaign_is_not_that_of_this_one(fleet, tmp_path):
+    fleet(GOOD)
+    (tmp_path / "c-b").mkdir()
+    shutil.copy(tmp_path / "c-a" / "chain.json", tmp_path / "c-b")
+    found = fleet_record([ListedCampaign("c-b", "b")], tmp_path)
+    assert found.arms[0].attention == "no_result"
+    assert "of another campaign" in found.arms[0].why
+
+
+def test_only_outcomes_of_what_the_machine_ended_are_forgotten(fleet, tmp_path):
+    fleet(GOOD, {"status": "ended"}, GOOD)
+    (tmp_path / "c-c" / "chain.json").write_text("[" * 100_000)
+    forget_ended([ListedCampaign(f"c-{letter}", letter) for letter in "abcd"], tmp_path)
+    assert [(tmp_path / f"c-{letter}" / "chain.json").exists() for letter in "abc"] == [
+        True,
+        False,
+        True,
+    ]
 
 
 def test_the_table_has_a_row_a_campaign_and_runs_nothing(fleet):
@@ -238,6 +289,16 @@ def test_the_table_has_a_row_a_campaign_and_runs_nothing(fleet):
     assert rows[0]["effects_and_faults"] == "'=1+1"
     assert (rows[0]["after_mm"], rows[1]["after_mm"]) == ("0.1000", "")
     assert rows[1]["attention"] == "no_result"
+
+
+def test_the_table_names_the_stage_that_refused_an_earlier_campaign(one_arm):
+    found = one_arm({"status": "refused", "stage": "ingest", "message": "no rows"}, GOOD)
+    rows = list(csv.DictReader(io.StringIO(fleet_csv(found))))
+    assert [row["why"] for row in rows] == ["ingest: no rows", "good: as the noise explains"]
+
+
+def test_a_table_of_no_campaign_has_its_columns():
+    assert fleet_csv(fleet_record([], Path())).startswith("arm,campaign,measured,status")
 
 
 def test_the_page_shows_what_is_there_and_says_that_it_is_synthetic(fleet):

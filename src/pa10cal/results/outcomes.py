@@ -61,7 +61,8 @@ class FleetArm(Part):
     last: str  # the last of them
     # `no_result`: the last campaign gave none; `input`: its grade or verdict says that something in
     # the data is wrong, or the fit did not converge; `moved`: its model differs from the one before
-    # by more than chance; `incomplete`: an effect is missing that has no single name; or `none`
+    # by more than chance, or a part of the arm moved since; `incomplete`: an effect is missing that
+    # has no single name, or the grade is that and nothing was named; or `none`
     attention: Attention
     why: str  # the reason, in a sentence
 
