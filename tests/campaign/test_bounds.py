@@ -16,11 +16,13 @@ from pa10cal.campaign import csv_rows, text_lines
 from pa10cal.campaign.bounds import (
     bound_of,
     in_words,
-    labelled,
+    only_labelled_rows,
+    only_whole_numbers,
     refuse_impossible_tool,
     unwrapped,
     within_bounds,
 )
+from pa10cal.campaign.column_map import FACTORS, OFFSETS, ColumnMap, OwnColumn
 from pa10cal.campaign.csv_rows import read_rows
 from pa10cal.campaign.raw_rows import RawRows
 from pa10cal.campaign.read import read_campaign
@@ -237,6 +239,65 @@ def test_degrees_stated_as_radians_are_told_with_joints_of_either_sign(copy, sig
         read_campaign(folder)
 
 
+@pytest.mark.parametrize(
+    ("angle", "stroke", "said"),
+    [
+        (
+            1.0,
+            120.0,
+            r"`C` \(`q3`\): the strokes look like millimetres.*joints.stroke_unit: mm",
+        ),
+        (57.0, 0.12, r"`A` \(`q1`\).*: the joint angles look like degrees.*poses.joints.unit: deg"),
+    ],
+)
+def test_angles_and_strokes_are_judged_by_their_own_units(angle, stroke, said):
+    """Joints 1, 2 and 4 of the SCARA turn, stated in radians; joint 3 slides, stated in metres."""
+    numbers = {"q1_deg": angle, "q2_deg": angle, "q3_mm": -stroke, "q4_deg": angle}
+    units = {name: ("rad", 57.3) if "deg" in name else ("m", 1e3) for name in numbers}
+    own = {
+        name: OwnColumn((letter,), *units[name], key="columns.poses.joints")
+        for name, letter in zip(numbers, "ABCD", strict=True)
+    }
+    columns = {name: np.full(9, units[name][1] * number) for name, number in numbers.items()}
+    rows = RawRows("t.csv", columns, np.arange(9), {}, (), (), own=ColumnMap(own))
+    with pytest.raises(Pa10calError, match=said):
+        within_bounds(rows, list(numbers), load_arm("gx4_351s"))
+
+
+@pytest.mark.parametrize(
+    ("unit", "number", "is_kelvin"),
+    [("F", 293.0, True), ("C", 293.0, True), ("K", 293.0, False), ("F", 500.0, False)],
+)
+def test_kelvin_is_told_by_the_numbers_of_the_file(unit, number, is_kelvin):
+    factor, offset = FACTORS[unit], OFFSETS.get(unit, 0.0)
+    own = ColumnMap({"temperature_C": OwnColumn(("T",), unit, factor, offset, "temperature")})
+    columns = {"temperature_C": np.full(9, factor * number + offset)}
+    rows = RawRows("t.csv", columns, np.arange(9), {}, (), (), own=own)
+    if not is_kelvin:
+        found = within_bounds(rows, ["temperature_C"], load_arm("irb120"))
+        assert len(found) == (9 if unit == "K" else 0)
+        return
+    with pytest.raises(Pa10calError, match=r"looks like kelvin \(got 293.*temperature.unit: K"):
+        within_bounds(rows, ["temperature_C"], load_arm("irb120"))
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_joint_without_limits_has_no_angles_to_move():
+    arm = load_arm("irb120")
+    limits = np.array(arm.limits_rad)
+    limits[0] = [-np.inf, np.inf]
+    arm = replace(arm, limits_rad=limits)
+    columns = {name: np.linspace(-400.0, 400.0, 9) for name in IRB[:1]}
+    rows = RawRows("t.csv", columns, np.arange(9), {}, (), ())
+    assert unwrapped(rows, IRB[:1], arm) is rows
+
+
+def test_a_number_that_is_not_whole_is_shown_with_all_its_digits():
+    rows = RawRows("t.csv", {"repeat": np.array([1.0, 1234567.5])}, np.arange(2), {}, (), ())
+    (lost,) = only_whole_numbers(rows, "repeat", load_arm("irb120")).quarantined
+    assert lost.value == "repeat = 1234567.5"
+
+
 def test_many_columns_with_a_number_out_of_bounds_are_left_out_one_by_one():
     count, steps = 60, 30
     names = [f"base{k}_x_mm" for k in range(count)]
@@ -254,11 +315,13 @@ def test_many_columns_with_a_number_out_of_bounds_are_left_out_one_by_one():
 def test_a_row_without_a_load_is_left_out():
     columns = {"load_N": [0.0, np.nan], "repeat": [1.0, 1.0], "pose": ["P1", "P2"]}
     arrays = {name: np.array(column) for name, column in columns.items()}
-    found = labelled(RawRows("t.csv", arrays, np.arange(2), {}, (), ()), load_arm("irb120"))
+    found = only_labelled_rows(
+        RawRows("t.csv", arrays, np.arange(2), {}, (), ()), load_arm("irb120")
+    )
     assert found.line.tolist() == [0]
 
 
-@pytest.mark.parametrize("name", ["a(b", r"x\1", "foo+"])
+@pytest.mark.parametrize("name", ["a(b", r"x\1", "foo+", "u_mm"])
 def test_a_column_outside_the_contract_is_its_name_in_words(name):
     assert in_words(name) == name
 
@@ -269,6 +332,9 @@ def test_a_tool_is_not_weighed_against_placeholders_for_the_masses_of_an_arm():
         refuse_impossible_tool(0.5, replace(arm, mass_kg=np.full(arm.n, mass_kg)), "c")
     with pytest.raises(Pa10calError, match=r"the mass of the arm itself.*mass_kg: 0.5 if"):
         refuse_impossible_tool(500.0, arm, "c")
+    unit_masses = replace(arm, mass_kg=np.ones(arm.n))
+    with pytest.raises(Pa10calError, match=r"or correct the masses of the links .* of iiwa14"):
+        refuse_impossible_tool(8.0, unit_masses, "c")
 
 
 @pytest.mark.parametrize(

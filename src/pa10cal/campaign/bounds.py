@@ -108,16 +108,18 @@ def rule_of(name: str) -> Rule:
 
 def in_words(name: str) -> str:
     """Return what a column of the contract is, in words; the name of any other column."""
-    if name.startswith("u_"):
-        return f"standard uncertainty of the {in_words(name[2:])}"
-    rule = rule_of(name)
-    match = re.fullmatch(rule.pattern, name)
-    return match.expand(rule.words) if match else name
+    quantity = name.removeprefix("u_")
+    rule = rule_of(quantity)
+    match = re.fullmatch(rule.pattern, quantity)
+    if match is None:
+        return name
+    words = match.expand(rule.words)
+    return words if quantity == name else f"standard uncertainty of the {words}"
 
 
 def bound_of(name: str, arm: Arm) -> Bound:
     """Return the bound of a column of numbers of an arm's campaign."""
-    unit = name.rpartition("_")[2]
+    unit = _unit_of(name)
     if name.startswith("u_"):
         largest = LARGEST_U.get(unit, LARGEST_U[""])
         return Bound(LEAST_U, largest, NOT_UNCERTAIN, f"a stated uncertainty above {largest:g}")
@@ -173,15 +175,17 @@ def _without(raw: RawRows, name: str, off: Mask, reason: str) -> RawRows:
 
 
 def _refuse_kelvin(raw: RawRows) -> None:
-    """Refuse a column of temperatures in kelvin."""
+    """Refuse a column of temperatures in kelvin that campaign.yaml states in another unit."""
     name = "temperature_C"
-    if not np.isfinite(raw[name]).any():
+    source = raw.own.sources.get(name)
+    if not np.isfinite(raw[name]).any() or (source is not None and source.unit == "K"):
         return
-    middle_C = float(np.nanmedian(raw[name]))
-    if _KELVIN[0] < middle_C < _KELVIN[1]:
-        mapped = raw.own.key(name) and raw.own.set_unit(name, "K", "")
-        where = f"{raw.file}: {raw.own.column(name)}"
-        raise _kelvin(where, middle_C, mapped or "subtract 273.15")
+    middle = float(np.nanmedian(raw[name]))
+    if source is not None:  # the file's own number, which may be stated as degrees Fahrenheit
+        middle = (middle - source.offset) / source.factor
+    if _KELVIN[0] < middle < _KELVIN[1]:
+        remedy = "subtract 273.15" if source is None else raw.own.set_unit(name, "K", "")
+        raise _kelvin(f"{raw.file}: {raw.own.column(name)}", middle, remedy)
 
 
 def unwrapped(
@@ -242,33 +246,38 @@ def _moved_by_turns(
         limits, 0 where they are not wrapped.
     """
     low, high = limits_deg + BEYOND_LIMITS["deg"] * np.array([-1.0, 1.0])
-    near = (column >= low - spread_deg) & (column <= high + spread_deg)
-    if not near.any() or near.sum() < NEARLY_ALL * np.isfinite(column).sum():
+    if not np.isfinite([low, high]).all():
+        return column, 0
+    plausible = (column >= low - spread_deg) & (column <= high + spread_deg)
+    if not plausible.any() or plausible.sum() < NEARLY_ALL * np.isfinite(column).sum():
         return column, 0
     turns = np.round((column - 0.5 * (low + high)) / ONE_TURN_DEG)
     nearest = column - ONE_TURN_DEG * turns
-    inside = near & (nearest >= low) & (nearest <= high)
-    outside = near & ((column < low) | (column > high))
-    if np.ptp(column[near]) > spread_deg or inside[outside].sum() < NEARLY_ALL * outside.sum():
+    brought_inside = plausible & (nearest >= low) & (nearest <= high)
+    outside = plausible & ((column < low) | (column > high))
+    if np.ptp(column[plausible]) > spread_deg:  # perhaps another unit
         return column, 0
-    return np.where(inside, nearest, column), int(outside.sum())
+    if brought_inside[outside].sum() < NEARLY_ALL * outside.sum():  # whole turns do not explain it
+        return column, 0
+    return np.where(brought_inside, nearest, column), int(outside.sum())
 
 
-def whole(raw: RawRows, name: str, arm: Arm) -> RawRows:
+def only_whole_numbers(raw: RawRows, name: str, arm: Arm) -> RawRows:
     """Quarantine rows whose column holds no whole number within its bounds."""
     raw = within_bounds(raw.finite([name]), [name], arm)
     keep = raw[name] == np.round(raw[name])
-    values = [f"{raw.name_of(name)} = {value:g}" for value in raw[name][~keep]]
+    values = [f"{raw.name_of(name)} = {value:.10g}" for value in raw[name][~keep]]
     raw = raw.take(keep, "not a whole number", values)
     return raw.with_columns({name: raw[name].astype(np.int64)})
 
 
-def labelled(raw: RawRows, arm: Arm) -> RawRows:
+def only_labelled_rows(raw: RawRows, arm: Arm) -> RawRows:
     """Quarantine rows that lack a label, a load or the number of the repeat.
 
     Loads of one name become one load.
     """
-    raw = whole(within_bounds(raw.finite(["load_N"]), ["load_N"], arm), "repeat", arm)
+    raw = within_bounds(raw.finite(["load_N"]), ["load_N"], arm)
+    raw = only_whole_numbers(raw, "repeat", arm)
     raw = raw.with_columns({"load_N": loads_as_named(raw["load_N"])})
     return raw.take(raw.text_of("pose") != "", "the pose has no label")
 
@@ -277,9 +286,9 @@ class _RowsByUnit(NamedTuple):
     """Rows (N,) of some columns, as they are read and as the contract's unit would have them."""
 
     filled: Mask  # a number is there
-    outside: Mask  # (C, N) numbers out of bounds in the unit that campaign.yaml states
+    outside_as_stated: Mask  # (C, N) numbers out of bounds in the unit that campaign.yaml states
     # a number is there, and all would be within bounds if the file were in the contract's unit
-    right: Mask
+    within_in_contract_unit: Mask
 
     @classmethod
     def of(cls, raw: RawRows, columns: Sequence[str], arm: Arm) -> _RowsByUnit:
@@ -295,47 +304,57 @@ class _RowsByUnit(NamedTuple):
                 [sources[name].zero for name in columns],
             )
         )
-        values = np.stack([raw[name] for name in columns])
+        as_stated = np.stack([raw[name] for name in columns])
+        own_numbers = (as_stated - offset) / factor
         # Stated signs and zeros of joints count in either unit.
-        otherwise = np.sign(factor) * (values - offset) / factor + zero
-        filled = np.isfinite(values).any(axis=0)
-        right = filled & ~((otherwise < low) | (otherwise > high)).any(axis=0)
-        return cls(filled, (values < low) | (values > high), right)
+        in_contract_unit = np.sign(factor) * own_numbers + zero
+        filled = np.isfinite(as_stated).any(axis=0)
+        outside = ((in_contract_unit < low) | (in_contract_unit > high)).any(axis=0)
+        return cls(filled, (as_stated < low) | (as_stated > high), filled & ~outside)
 
 
 def _refuse_own_unit(raw: RawRows, names: list[str], arm: Arm) -> None:
     """Refuse columns that are in the contract's unit though campaign.yaml states another one.
 
-    That is a larger one, or one with another zero. Blanks count neither way.
+    That is a larger one, or one with another zero. Blanks count neither way. Angles and strokes of
+    joints have one key, but a unit each.
     """
-    of_key: dict[str, list[str]] = {}
+    by_key_and_unit: dict[tuple[str, str], list[str]] = {}
     for name in names:
         own = raw.own.sources.get(name)
         if own is None or name.startswith("u_"):
             continue
         if abs(own.factor) > 1.0 or own.offset != own.zero:
-            of_key.setdefault(own.key, []).append(name)
-    for columns in of_key.values():
+            by_key_and_unit.setdefault((own.key, _unit_of(name)), []).append(name)
+    for columns in by_key_and_unit.values():
         rows = _RowsByUnit.of(raw, columns, arm)
-        count, wrong = rows.filled.sum(), rows.outside.any(axis=0)
-        if wrong.sum() > 0.5 * count and rows.right.sum() >= NEARLY_ALL * count:
+        count, wrong = rows.filled.sum(), rows.outside_as_stated.any(axis=0)
+        explained = rows.within_in_contract_unit.sum() >= NEARLY_ALL * count
+        if wrong.sum() > 0.5 * count and explained:
             raise _own_unit(raw, columns, rows)
+
+
+def _unit_of(name: str) -> str:
+    """Return the unit in the name of a column of the contract."""
+    return name.rpartition("_")[2]
 
 
 def _own_unit(raw: RawRows, columns: Sequence[str], rows: _RowsByUnit) -> RawDataError:
     """Return the refusal of columns that are in the contract's unit, with a row that shows it."""
     words, first, last = raw.own, columns[0], columns[-1]
-    count, wrong = rows.filled.sum(), rows.outside.any(axis=0)
-    row = int(np.argmax(wrong & rows.right))
-    shown = raw.shown(columns[int(np.argmax(rows.outside[:, row]))], row)
-    unit = first.rpartition("_")[2]
+    count, wrong = rows.filled.sum(), rows.outside_as_stated.any(axis=0)
+    row = int(np.argmax(wrong & rows.within_in_contract_unit))
+    shown = raw.shown(columns[int(np.argmax(rows.outside_as_stated[:, row]))], row)
+    unit = _unit_of(first)
     what = {"deg": "joint angles", "mm": "positions", "C": "temperatures"}.get(unit, "numbers")
+    if unit == "mm" and rule_of(first).key == "joints":
+        what = "strokes"
     named = words.column(first) + (f" … {words.column(last)}" if first != last else "")
     return RawDataError(
         f"the {what} look like {UNIT_WORDS.get(unit, unit)}",
         where=f"{raw.file}:{raw.line[row]}: {named}",
         value=f"{wrong.sum()} of {count} rows are out of bounds in {words.sources[first].unit}, "
-        f"and {count - rows.right.sum() or 'none'} so in {unit}: {shown}",
+        f"and {count - rows.within_in_contract_unit.sum() or 'none'} so in {unit}: {shown}",
         allowed=f"numbers in the unit that {words.sources[first].key} states",
         remedy=words.set_unit(first, unit, unit),
     )
@@ -351,6 +370,8 @@ def refuse_impossible_tool(mass_kg: float, arm: Arm, where: str) -> None:
         grams = mass_kg / 1000.0 <= largest_kg
         remedy = f"set tool.mass_kg: {mass_kg / 1000.0:g} if the mass is in grams"
         remedy = remedy if grams else "state it in kilograms"
+        if weighed:  # whole kilograms for every link are placeholders, as in many URDF files
+            remedy += f"; or correct the masses of the links in the description of {arm.name}"
         raise RawDataError(
             "the tool is heavier than the arm can carry",
             where=f"{where}: tool.mass_kg",

@@ -16,7 +16,7 @@ from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index, Mask
 from pa10cal.campaign import balls, screens
-from pa10cal.campaign.bounds import labelled, unwrapped, whole, within_bounds
+from pa10cal.campaign.bounds import only_labelled_rows, only_whole_numbers, unwrapped, within_bounds
 from pa10cal.campaign.column_map import ColumnMap
 from pa10cal.campaign.conventions import coupling_that_fits
 from pa10cal.campaign.description import CampaignDescription, exclusions_of
@@ -231,14 +231,14 @@ def _read_touches(
         included.
     """
     raw = file.read(["time_s", "kind", "pose", "load_N", "repeat", "ball", "touch", *_PLACE])
-    of_known_configuration = labelled(raw.choices("kind", KINDS), arm)
+    of_known_configuration = only_labelled_rows(raw.choices("kind", KINDS), arm)
     logged_count = len(np.unique(of_known_configuration.configurations))
     raw = exclusions.labels(exclusions.lines(raw))
     exclusions.refuse_missed(raw.file)
     raw = raw.choices("kind", KINDS).choices("ball", ball_names)
     raw = raw.finite(["time_s", "load_N", *_PLACE])
     raw = within_bounds(raw, ["time_s", *_PLACE], arm)
-    raw = labelled(whole(raw, "touch", arm), arm)
+    raw = only_labelled_rows(only_whole_numbers(raw, "touch", arm), arm)
     ball = np.argmax(raw.text_of("ball")[:, None] == np.array(ball_names), axis=1)
     return raw.with_columns({"ball": ball}).in_time(), logged_count
 

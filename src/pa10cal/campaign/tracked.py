@@ -14,7 +14,7 @@ from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import PoseStates, loads_as_named
 from pa10cal.arrays import Array, Index
 from pa10cal.campaign import screens
-from pa10cal.campaign.bounds import labelled, outside_bounds, unwrapped, within_bounds
+from pa10cal.campaign.bounds import only_labelled_rows, outside_bounds, unwrapped, within_bounds
 from pa10cal.campaign.conventions import arm_of_log, without_turns
 from pa10cal.campaign.csv_rows import REPEATED
 from pa10cal.campaign.description import CampaignDescription, exclusions_of
@@ -240,7 +240,7 @@ def _usable_rows(
         remaining &= ~off.rows
     raw = exclusions.labels(with_labels(raw, q, description.repeat_tolerance_deg))
     exclusions.refuse_missed(raw.file)
-    return labelled(raw, arm).in_time()
+    return only_labelled_rows(raw, arm).in_time()
 
 
 def _first_of_each_configuration(
