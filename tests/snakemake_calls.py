@@ -42,6 +42,9 @@ class Snakemake:
         """Start it; what calls print goes through a file in the folder."""
         self._printed = folder / "printed.txt"
         clean = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
+        # The plugin for Slurm asks a controller at its import, and waits if there is none.
+        (folder / "scontrol").symlink_to("/bin/false")
+        clean["PATH"] = f"{folder}{os.pathsep}{clean['PATH']}"
         self._process = subprocess.Popen(
             [sys.executable, __file__],
             env=clean,
