@@ -92,17 +92,12 @@ GROUP = {"campaigns": '["cell-a"]', "groups": '{"arm": ["cell-a", "cell-null"]}'
 #: Targets (those with a folder are results), settings, and how often some jobs are planned.
 PLANS = [
     ("", ONE, "ingest 1, base_frame 1, evaluate 1, montecarlo 1, calibrate 1"),
+    ("", {}, "judge_trials 0, montecarlo 3"),
     ("cell-a/calibration/44N.json", {}, "ingest 1, base_frame 1, calibrate_one 1, total 3"),
     (
         "arm/report.html arm/evaluation/holdout.json",
         GROUP,
         "ingest 2, base_frame 3, join 1, montecarlo 0, calibrate 1, discover 1, evaluate 1, page 1",
-    ),
-    # Effects of the verdict are sought before they are calibrated with.
-    (
-        "cell-a/calibration/combined.json",
-        {"calibration": "{effects: named}"},
-        "calibrate 1, calibrate_baseline 1, discover 1",
     ),
     # All load cases in one job, and one of them alone beside what follows from all.
     (
@@ -115,27 +110,32 @@ PLANS = [
         ONE,
         "calibrate_one 1, discover 1",
     ),
+    # Effects of the verdict are sought before they are calibrated with.
+    (
+        "cell-a/calibration/combined.json",
+        {"calibration": "{effects: named}"},
+        "calibrate 1, calibrate_baseline 1, discover 1",
+    ),
+    ("blind_trials_reduced", {}, f"judge_trials {REDUCED}"),
+    ("blind_trials_tracked", {}, f"judge_trials {TRACKED}"),
     (
         "simulate",  # the campaign of config.yaml too
         {"simulate": "{s1: {without_touches: {instrument: points}}, t1: {}}"},
         "simulate_tracked 1, simulate_campaign 2",
     ),
-    ("", {}, "judge_trials 0, montecarlo 3"),
-    ("blind_trials_reduced", {}, f"judge_trials {REDUCED}"),
-    ("blind_trials", {}, f"judge_trials {FULL + TRACKED}, score_trials 2, trial_pictures 2"),
-    ("blind_trials_tracked", {}, f"judge_trials {TRACKED}"),
     (
         "blind_trials_reflectors",
         {},
         f"judge_trials {3 * REFLECTORS}, score_trials 3, trial_pictures 3",
     ),
     ("blind_trials_unstated", {}, f"judge_trials {UNSTATED}, score_trials 1, trial_pictures 1"),
+    ("blind_trials", {}, f"judge_trials {FULL + TRACKED}, score_trials 2, trial_pictures 2"),
     ("blind_trials_sorted", {}, f"judge_trials {SORTED}, score_trials 1, trial_pictures 1"),
     ("blind_trials_mixed", {}, f"judge_trials {MIXED}, score_trials 1, trial_pictures 1"),
 ]
 
 
-@pytest.mark.slow_but_one_in(2)
+@pytest.mark.slow_but_one_in(3)
 @pytest.mark.parametrize(("targets", "config", "jobs"), PLANS)
 def test_plans(plan, tmp_path, targets, config, jobs):
     given = [tmp_path / "out" / each if "/" in each else each for each in targets.split()]
