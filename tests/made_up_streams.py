@@ -41,7 +41,7 @@ def streams(
     joints_hz,
     readings_hz,
     *,
-    poses=30,
+    poses=18,
     ppm=0.0,
     noise_mm=0.03,
     stands_s=(1.5, 4.0),

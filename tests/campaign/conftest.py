@@ -8,7 +8,19 @@ from pa10cal.__main__ import main
 
 
 @pytest.fixture
-def columns(tmp_path, capsys):
+def tried():
+    """Have the command read the files by its proposal, for tests of what it says of that."""
+
+
+@pytest.fixture
+def untried(request, monkeypatch):
+    """Let the command not read the files by its proposal, unless a test uses `tried`."""
+    if "tried" not in request.fixturenames:
+        monkeypatch.setattr("pa10cal.commands.data._comments_of_a_trial_reading", lambda *_: [])
+
+
+@pytest.fixture
+def columns(tmp_path, capsys, untried):
     """Propose for files of a folder, and keep it there; return code, text, and what was said."""
 
     def run(*names, folder=tmp_path, options=("--robot", "ur10")):

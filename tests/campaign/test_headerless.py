@@ -23,6 +23,7 @@ def is_whole(folder, raw):
 @pytest.mark.slow_but_one_in(4)
 @pytest.mark.parametrize("unit", ["deg", "rad"])
 @pytest.mark.parametrize("exchanged", [False, True])
+@pytest.mark.usefixtures("tried")
 def test_two_logs_without_names_are_told_by_the_arm(tmp_path, proposed, unit, exchanged):
     raw = sighted(tmp_path, "pose", noise_mm=0.02)
     q = np.degrees(raw.q) if unit == "deg" else raw.q
@@ -44,6 +45,7 @@ def test_one_file_without_names_is_told_by_the_arm(tmp_path, proposed):
 
 
 @pytest.mark.parametrize("before", [[], ["A", "Points"]])
+@pytest.mark.usefixtures("tried")
 def test_points_as_text_are_joined_by_their_labels(tmp_path, proposed, before):
     """As SpatialAnalyzer exports them: collection, group and target, or the target alone."""
     raw = sighted(tmp_path, "pose", noise_mm=0.02)
@@ -60,6 +62,7 @@ def test_points_as_text_are_joined_by_their_labels(tmp_path, proposed, before):
     assert is_whole(tmp_path, raw)
 
 
+@pytest.mark.usefixtures("tried")
 def test_a_column_that_numbers_the_targets_is_named(tmp_path, columns):
     raw = sighted(tmp_path, "points", poses=60)
     which = np.random.default_rng(2).integers(0, 3, len(raw.q))
@@ -98,6 +101,7 @@ def test_a_column_that_numbers_the_targets_is_named(tmp_path, columns):
 
 @pytest.mark.slow_but_one_in(2)
 @pytest.mark.parametrize("files", [("all.txt",), ("a.txt", "b.txt")])
+@pytest.mark.usefixtures("tried")
 def test_targets_that_a_column_numbers_are_read_where_it_stands_with_their_places(
     tmp_path, proposed, files
 ):
@@ -151,6 +155,7 @@ def test_rows_that_tell_nothing_without_names_are_refused_for_that(
         )
 
 
+@pytest.mark.usefixtures("tried")
 def test_joints_that_stand_still_are_read_where_nothing_else_can_be_meant(tmp_path, proposed):
     raw = sighted(tmp_path, "pose", poses=40)
     arm, q = load_arm("ur10"), raw.q.copy()
@@ -164,6 +169,7 @@ def test_joints_that_stand_still_are_read_where_nothing_else_can_be_meant(tmp_pa
 
 @pytest.mark.slow_but_one_in(3)
 @pytest.mark.parametrize("heading", ["Pos {}", "Position {}:", "{}"])
+@pytest.mark.usefixtures("tried")
 def test_blocks_of_named_values_are_joined_by_the_numbers_of_the_joints(
     tmp_path, proposed, heading
 ):
@@ -208,6 +214,7 @@ def _matrices(raw):
     return T
 
 
+@pytest.mark.usefixtures("tried")
 def test_as_many_columns_as_joints_are_these_beside_poses_that_need_no_name(tmp_path, columns):
     raw = sighted(tmp_path, "pose", noise_mm=0.02)
     elsewhere = np.degrees(raw.q) * [1, -1, 1, 1, -1, 1] + [0, 5, 0, -8, 0, 0]

@@ -90,6 +90,7 @@ def test_the_convention_is_that_in_which_the_nominal_arm_agrees(
     )
 
 
+@pytest.mark.usefixtures("tried")
 def test_poses_of_the_instrument_in_the_targets_frame_are_told_by_the_arm(tmp_path, written):
     raw, table = tracked(tmp_path)
     inverse = Rotation.from_quat(table[QUATERNION], scalar_first=True).inv()
@@ -103,6 +104,7 @@ def test_poses_of_the_instrument_in_the_targets_frame_are_told_by_the_arm(tmp_pa
     np.testing.assert_allclose(measured.T_instr_target, raw.T_instr_target, atol=1e-6)
 
 
+@pytest.mark.usefixtures("tried")
 def test_where_no_convention_agrees_the_names_decide(tmp_path, written):
     _, table = tracked(tmp_path)
     own = table.copy()
@@ -120,6 +122,7 @@ def test_units_without_a_word_are_found_by_the_arm(tmp_path, written):
     assert columns["position"] == {"names": ["px", "py", "pz"], "unit": "m"}
 
 
+@pytest.mark.usefixtures("tried")
 def test_an_arm_is_taken_from_a_folder_of_arms(tmp_path, written):
     _, table = tracked(tmp_path)
     arms = tmp_path / "elsewhere"
@@ -155,6 +158,7 @@ def test_a_proposal_shows_nothing_that_a_terminal_obeys(tmp_path, written):
     assert read_campaign(folder).arm.n == 6
 
 
+@pytest.mark.usefixtures("tried")
 def test_a_proposal_that_the_arm_does_not_bear_out_says_so(tmp_path, written):
     _, table = tracked(tmp_path)
     own = table.rename(columns={name: f"J{k}" for k, name in enumerate(Q, start=1)})
@@ -166,6 +170,7 @@ def test_a_proposal_that_the_arm_does_not_bear_out_says_so(tmp_path, written):
 @pytest.mark.slow_but_one_in(6)
 @pytest.mark.parametrize("times", [0.5, 1.1, 4.0])
 @pytest.mark.parametrize("kind", ["pose", "points"])
+@pytest.mark.usefixtures("tried")
 def test_lengths_of_another_scale_are_told_by_their_factor(tmp_path, written, times, kind):
     """As of a tag that is held for another size: orientations are right, and no row is lost."""
     _, table = tracked(tmp_path, kind)
@@ -235,6 +240,7 @@ def test_a_target_without_a_name_is_beside_one_that_has_its_number(tmp_path, wri
     )
 
 
+@pytest.mark.usefixtures("tried")
 def test_numbers_behind_x_y_z_are_those_of_targets(tmp_path, written):
     _, table = tracked(tmp_path, "points")
     own = table.rename(
@@ -253,6 +259,7 @@ def test_numbers_behind_x_y_z_are_those_of_targets(tmp_path, written):
     ("word", "unit", "deg"),
     [("gon", "gon", 0.9), ("turns", "turns", 360.0), ("rev", "turns", 360.0)],
 )
+@pytest.mark.usefixtures("tried")
 def test_angles_of_joints_may_be_gradians_or_turns(tmp_path, written, word, unit, deg):
     raw, table = tracked(tmp_path)
     own = table.rename(columns={name: f"J{k} [{word}]" for k, name in enumerate(Q, start=1)})

@@ -14,6 +14,8 @@ from pa10cal.campaign.read import read_campaign
 from pa10cal.campaign.sniffing import sniff
 from pa10cal.errors import Pa10calError
 
+pytestmark = pytest.mark.usefixtures("tried")
+
 
 def points(raw):
     """Return numbers from 1 and positions in mm, shuffled."""

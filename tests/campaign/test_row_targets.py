@@ -80,6 +80,7 @@ def test_a_row_of_one_target_that_cannot_be_read_is_quarantined(sightings, read)
         lambda row: f"{row['Name']}{row['Target']}",
     ],
 )
+@pytest.mark.usefixtures("tried")
 def test_rows_of_one_target_are_joined_by_their_labels(sightings, read, written):
     raw, table = sightings
     own = table.assign(Name=table.apply(written, axis=1)).drop(columns="Target")
@@ -98,6 +99,7 @@ def test_a_column_of_targets_beside_labels(sightings, read):
 
 @pytest.mark.slow_but_one_in(2)
 @pytest.mark.parametrize("labels", ["Name", "Measurement"])
+@pytest.mark.usefixtures("tried")
 def test_joints_in_another_log_have_the_labels_without_targets(sightings, read, labels):
     raw, table = sightings
     joints = pd.DataFrame(np.degrees(raw.q), columns=Q)
@@ -110,7 +112,7 @@ def test_joints_in_another_log_have_the_labels_without_targets(sightings, read, 
     same_places(found, raw, table)
 
 
-@pytest.mark.slow_but_one_in(3)
+@pytest.mark.slow_but_one_in(4)
 @pytest.mark.parametrize("column", ["Target", "SMR no", "Reflector", "Remark"])
 def test_a_row_a_pose_with_the_number_of_its_target(sightings, read, column):
     """A column that is not called after targets is found by the nominal arm."""

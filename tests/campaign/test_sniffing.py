@@ -50,6 +50,7 @@ def read(tmp_path, proposed):
         (",".join(NAMES), ",", ","),  # a separator ends each row
     ],
 )
+@pytest.mark.usefixtures("tried")
 def test_names_that_are_not_written_as_the_rows_are_read(rows, read, above, between, end):
     raw, fields = rows
     text, found = read([above, *(between.join(row) + end for row in fields)])

@@ -18,6 +18,8 @@ from pa10cal.campaign.sampling import goes_on, is_of_motion
 from pa10cal.campaign.streams import clock_by_edges, reading_dwells
 from pa10cal.errors import Pa10calError
 
+pytestmark = pytest.mark.usefixtures("tried")
+
 #: Pairs of rates drawn, and those of the quick suite.
 PAIRS, QUICK = 60, 1
 
@@ -71,7 +73,7 @@ def test_the_clock_is_found_within_its_uncertainty(written, ppm, pairs):
     assert inside >= 0.95 * pairs
 
 
-@pytest.mark.slow_but_one_in(6)
+@pytest.mark.slow
 @pytest.mark.parametrize("stands_s", [0.5, 0.8])
 @pytest.mark.parametrize("hertz", [(20.0, 20.0), (125.0, 60.0), (500.0, 240.0)])
 def test_dwells_below_a_second_are_found(written, stands_s, hertz):
@@ -98,11 +100,11 @@ def test_readings_in_motion_are_set_aside_and_counted(written):
     assert len(read_campaign(folder).observations) == here
 
 
-@pytest.mark.slow_but_one_in(3)
+@pytest.mark.slow
 @pytest.mark.parametrize("hertz", [(20.0, 20.0), (10.0, 240.0), (500.0, 20.0)])
 def test_logs_of_any_length_are_logs_of_motion(written, hertz):
     """Twelve thousand rows in both are no twelve thousand steady phases."""
-    logs = streams(5, *hertz)
+    logs = streams(5, *hertz, poses=30)
     text, folder = written(logs)
     assert "in 31 of 31 steady phases" in text
     assert is_read(read_campaign(folder), logs.q_rad, logs.T_instr_target, atol_m=2e-4)
@@ -144,7 +146,7 @@ def test_a_take_with_frames_lost_is_read_as_a_stream(tmp_path, written):
 @pytest.mark.parametrize("stands_s", [0.0, 0.1])
 def test_streams_without_a_dwell_are_refused(tmp_path, written, stands_s):
     told = "hardly stands still|never stands|never at rest"
-    text, folder = written(streams(8, 50.0, 100.0, stands_s=(stands_s, stands_s)))
+    text, folder = written(streams(8, 50.0, 100.0, poses=30, stands_s=(stands_s, stands_s)))
     with pytest.raises(Pa10calError, match=told) as refused:
         read_campaign(folder)
     assert re.search(r"(tracker|controller)\.csv", refused.value.where)
@@ -183,6 +185,7 @@ def test_a_clock_that_is_stated_is_taken(written):
     assert is_read(found, logs.q_rad, logs.T_instr_target, atol_m=2e-4)
 
 
+@pytest.mark.slow_but_one_in(2)
 @pytest.mark.parametrize("hertz", [(4.0, 2.0), (50.0, 1.0)])
 def test_an_instrument_that_runs_freely_is_a_stream_however_slow(written, hertz):
     """Its readings at the arm's stands are averaged; those on the way are no configurations."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -17,9 +19,10 @@ from spoiling import ingest
 ARMS, AXES = 6, "xyz"
 
 
-@pytest.fixture
-def campaign(raw_campaign):
-    return ingest(raw_campaign)
+@pytest.fixture(scope="module")
+def campaign(made_up_campaign, tmp_path_factory):
+    """Return a campaign as it is read; no test changes it."""
+    return ingest(replace(made_up_campaign, folder=tmp_path_factory.mktemp("table") / "made-up"))
 
 
 @pytest.fixture

@@ -39,6 +39,7 @@ def written(tmp_path, proposed):
 
 @pytest.mark.slow_but_one_in(4)
 @pytest.mark.parametrize("seed", some(JOINED))
+@pytest.mark.usefixtures("tried")
 def test_clocks_that_are_hours_apart_are_joined_by_the_motion(tmp_path, written, seed):
     logs = two_logs(tmp_path, seed, dense=seed % 4 != 3, regular=seed % 5 == 4)
     content, text, folder = written(logs, sep=";", decimal=",")
@@ -270,6 +271,7 @@ def test_rounded_positions_of_a_dense_log_are_uncertain_in_the_covariance(tmp_pa
     np.testing.assert_array_equal(again.log.q_u_stated, after.log.q_u_stated)
 
 
+@pytest.mark.usefixtures("tried")
 def test_labels_join_whatever_the_order(tmp_path, written):
     logs = two_logs(tmp_path, 6, dense=False)
     names = [f"P{k:03d}" for k in range(len(logs.q_rad))]
@@ -343,6 +345,7 @@ def test_a_number_of_rows_that_starts_again_is_no_label(tmp_path, written):
     assert len(read_campaign(folder).observations) == len(logs.q_rad)
 
 
+@pytest.mark.usefixtures("tried")
 def test_several_readings_a_row_of_joints_are_told_what_to_write(tmp_path, written):
     logs = two_logs(tmp_path, 3, dense=False, regular=True)
     logs.readings = logs.readings.loc[logs.readings.index.repeat(3)].reset_index(drop=True)
