@@ -84,6 +84,7 @@ def test_angles_logged_within_one_turn_are_moved_into_the_limits(copy, first):
     assert "q2_deg" in note
 
 
+@pytest.mark.slow_but_one_in(3)
 @pytest.mark.parametrize("failed", ["-9999", "9999", "1e154"])
 def test_one_number_of_a_sensor_that_failed_does_not_hide_wrapped_angles(copy, failed):
     folder = copy("points")

@@ -43,11 +43,25 @@ def set_by(table, later, seconds):
     table[name] += np.where(np.arange(len(table)) >= later, seconds, 0.0)
 
 
-@pytest.mark.parametrize("which", ["joints", "readings"])
-@pytest.mark.parametrize("seconds", [-3600.0, -25.0, 2.2])
+@pytest.mark.parametrize(
+    ("which", "seconds"),
+    [
+        ("joints", -3600.0),
+        ("readings", 2.2),
+        *(
+            pytest.param(which, seconds, marks=pytest.mark.slow)
+            for which, seconds in [
+                ("joints", -25.0),
+                ("joints", 2.2),
+                ("readings", -3600.0),
+                ("readings", -25.0),
+            ]
+        ),
+    ],
+)
 def test_streams_are_joined_on_both_sides_of_a_jump(read_of, which, seconds):
     """Summer time ends, a controller starts anew, a clock is set: all stands are read."""
-    logs = streams(21, 50.0, 20.0, poses=24)
+    logs = streams(21, 50.0, 20.0, poses=14)
     table = getattr(logs, which)
     later = int(0.45 * len(table))
     set_by(table, later, seconds)
@@ -60,6 +74,7 @@ def test_streams_are_joined_on_both_sides_of_a_jump(read_of, which, seconds):
     assert is_read(found, logs.q_rad, logs.T_instr_target, atol_m=2e-4)
 
 
+@pytest.mark.slow_but_one_in(2)
 @pytest.mark.parametrize("seconds", [-3600.0, 40.0])
 def test_single_readings_are_joined_on_both_sides_of_a_jump(tmp_path, read_of, seconds):
     logs = two_logs(tmp_path, 3)
@@ -77,7 +92,7 @@ def test_single_readings_are_joined_on_both_sides_of_a_jump(tmp_path, read_of, s
 
 
 def test_traces_put_together_in_the_wrong_order_are_no_jump(read_of):
-    logs = streams(22, 50.0, 20.0, poses=20)
+    logs = streams(22, 50.0, 20.0, poses=14)
     half = len(logs.joints) // 2
     logs.joints = logs.joints.iloc[np.r_[half : len(logs.joints), :half]]
     found = read_of(logs)

@@ -245,7 +245,7 @@ def test_targets_that_move_by_themselves_are_not_used(tmp_path):
     np.testing.assert_array_equal(campaign.observations.measured.stated_covariance, without_cov)
 
 
-@pytest.mark.parametrize("since", [90, 190])
+@pytest.mark.parametrize("since", [90, pytest.param(190, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("base", [1, 3])
 def test_targets_that_are_pushed_far_are_not_used(tmp_path, base, since):
     raw = written(tmp_path / "c", base=base)

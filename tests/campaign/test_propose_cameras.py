@@ -87,8 +87,8 @@ def test_a_cameras_pose_is_read_beside_the_controllers_which_is_said(tmp_path, p
     "names",
     [
         "Q0 Qx Qy Qz Tx Ty Tz",
-        "q0 qx qy qz tx ty tz",
-        "Qr Qi Qj Qk x y z",
+        pytest.param("q0 qx qy qz tx ty tz", marks=pytest.mark.slow),
+        pytest.param("Qr Qi Qj Qk x y z", marks=pytest.mark.slow),
         pytest.param("att1 att2 att3 att4 Tx Ty Tz", id="by the numbers"),
     ],
 )
@@ -147,6 +147,7 @@ def test_a_list_of_one_detected_tag_is_that_tag(tmp_path, proposed):
     is_read(read_campaign(tmp_path), raw.q, raw.T_instr_target)
 
 
+@pytest.mark.slow_but_one_in(2)
 @pytest.mark.parametrize("unseen", [[], None])
 def test_where_no_tag_was_detected_the_row_has_no_reading(tmp_path, proposed, unseen):
     raw = sighted(tmp_path, "pose")
@@ -184,6 +185,7 @@ STAMPS = [
 ]
 
 
+@pytest.mark.slow_but_one_in(3)
 @pytest.mark.parametrize(("seconds", "part", "unit"), STAMPS)
 def test_seconds_and_their_part_are_one_time(tmp_path, proposed, seconds, part, unit):
     raw = sighted(tmp_path, "pose")
@@ -214,6 +216,7 @@ def test_one_time_in_two_units_is_read_once(tmp_path, proposed):
     assert yaml.safe_load(proposed("a.csv"))["columns"]["poses"]["time"] == {"names": "t_s"}
 
 
+@pytest.mark.slow_but_one_in(2)
 @pytest.mark.parametrize("same", [True, False])
 def test_two_logs_with_stamps_in_two_columns_are_joined(tmp_path, proposed, same):
     """Equal seconds are no labels, nor are equal numbers of both logs."""
@@ -246,6 +249,7 @@ def test_two_columns_of_numbers_have_a_unit_each(tmp_path, time):
         FileColumns.model_validate({"time": {"names": ["a", "b"]} | time})
 
 
+@pytest.mark.slow_but_one_in(2)
 @pytest.mark.parametrize("named", [True, False])
 def test_rows_without_a_reading_below_the_names_are_rows(tmp_path, proposed, named):
     raw = sighted(tmp_path, "pose")

@@ -75,6 +75,7 @@ def _with_positions(raw, arm, q_logged_deg, q_true_rad, noise_m=3e-5):
         raw.poses[k] = ",".join(words)
 
 
+@pytest.mark.slow_but_one_in(3)
 @pytest.mark.parametrize(
     ("unit_deg", "words"), [(1.0, "0.1 deg"), (np.degrees(0.01), "0.001 rad"), (3.6, "0.001 turns")]
 )

@@ -50,6 +50,7 @@ def listed(ingested):
     return [(row.line, row.reason) for row in ingested.quarantined]
 
 
+@pytest.mark.slow_but_one_in(3)
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_points_come_out_as_they_went_in(tmp_path, robot):
     raw = sighted(tmp_path, "points", robot=robot)
@@ -97,7 +98,7 @@ def test_what_is_stated_beside_the_values_is_taken(tmp_path):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("robot", ["ur10", "gx4_351s"])
+@pytest.mark.parametrize("robot", ["ur10", pytest.param("gx4_351s", marks=pytest.mark.slow)])
 def test_stated_uncertainties_of_joints_are_in_the_covariance(tmp_path, robot, kind):
     raw, arm = sighted(tmp_path, kind, robot=robot, targets=2), load_arm(robot)
     before = ingest(raw).observations.measured.stated_covariance
@@ -269,6 +270,7 @@ def test_the_stroke_of_a_joint_that_slides_has_its_own_column(tmp_path):
         ingest(raw)
 
 
+@pytest.mark.slow_but_one_in(2)
 @pytest.mark.parametrize("robot", ROBOTS)
 @pytest.mark.parametrize("kind", KINDS)
 def test_radians_are_noticed(tmp_path, kind, robot):
