@@ -73,6 +73,7 @@ def test_tools_of_the_quick_trial_are_those_of_the_lock():
     assert pins.count("--hash=sha256:") >= len(pinned)
 
 
+@pytest.mark.slow
 def test_a_wheel_holds_what_a_run_and_the_doctor_need(tmp_path, monkeypatch):
     build = [sys.executable, "-m", "pip", "--quiet", "wheel", str(ROOT), "--no-deps"]
     build += ["--no-build-isolation", "--no-index", "--wheel-dir", str(tmp_path)]

@@ -112,7 +112,11 @@ def assert_certain(verdict, poses):
 
 
 @pytest.mark.parametrize(
-    "plan", [{"targets": 1, "poses": 150}, {"targets": 3, "poses": 40, "repeats": 3}]
+    "plan",
+    [
+        pytest.param({"targets": 1, "poses": 150}, marks=pytest.mark.slow),
+        {"targets": 3, "poses": 40, "repeats": 3},
+    ],
 )
 def test_where_all_axes_are_parallel_the_height_of_a_target_stays_as_stated(campaign, plan):
     """It is that of the base, of which poses say nothing: predictions are as certain as before."""

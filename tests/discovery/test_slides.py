@@ -53,7 +53,7 @@ def test_a_rail_is_named_where_it_is_not_straight_and_only_there(on_rail):
     assert names == ([("slide_error", "joint 1")] if hidden else [])
 
 
-@pytest.mark.slow_but_one_in(2)
+@pytest.mark.slow
 def test_given_it_leaves_the_noise_and_comes_back_from_a_file(on_rail, tmp_path):
     campaign, hidden = on_rail
     if not hidden:

@@ -74,6 +74,7 @@ def test_an_axis_that_tilts_is_no_link_that_bends_where_weights_are_stated(tmp_p
         assert 0.6 < each.value / 3e-5 < 1.2  # less, as it is expected to be small
 
 
+@pytest.mark.slow
 def test_given_its_size_comes_back_and_held_out_poses_gain(wobbling, tmp_path):
     campaign, wanted = wobbling
     given = CalibrationOptions(effects=(EffectOfPlace(id="axis_wobble", of=f"joint {JOINT}"),))

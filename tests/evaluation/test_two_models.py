@@ -231,6 +231,7 @@ def test_turns_of_the_tool_count_from_the_attitude_that_a_fit_began_with():
     assert np.isfinite(over_u(pa10cal.compare(one, turned), "tool_x"))
 
 
+@pytest.mark.slow
 def test_two_halves_of_a_campaign_agree(tmp_path):
     plan = {"instrument": "points", "poses": 160, "departs": "rows"}
     raw = {"random_seed": 21, "robot": "irb120", "without_touches": plan}

@@ -114,6 +114,7 @@ def test_of_a_few_trials_it_is_drawn_or_has_nothing_to_show(few, draw):
         draw(read(TrialScoresRecord, few))
 
 
+@pytest.mark.slow_but_one_in(2)
 def test_a_study_that_counts_no_intervals_has_none_to_show(full):
     """Trials of unstated masses and of sorted rows have parameters, and no rate of theirs."""
     scores = read(TrialScoresRecord, full)

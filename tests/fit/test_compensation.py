@@ -133,7 +133,7 @@ def test_a_row_of_nan_follows_the_row_before_and_a_seed_chooses_the_branch():
     np.testing.assert_allclose(found.q[2], found.q[1], atol=1e-9)
 
 
-@pytest.mark.parametrize("robot", ["ur10", "irb120"])
+@pytest.mark.parametrize("robot", [pytest.param("ur10", marks=pytest.mark.slow), "irb120"])
 def test_a_seed_that_reaches_its_pose_is_kept_where_the_wrist_is_nearly_straight(robot):
     # There the branches of the arm as designed are far from those of the calibrated one.
     model = fitted(robot, 3, links)

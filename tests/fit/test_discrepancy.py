@@ -83,22 +83,28 @@ def test_what_a_model_lacks_is_promised(tmp_path):
     assert promised.inside.mean() > 0.85
 
 
-def test_a_few_gross_errors_are_no_property_of_the_model(tmp_path):
-    campaign = simulated(tmp_path, (), poses=180, holdout_share=0.33)
+@pytest.fixture(scope="module")
+def complete(tmp_path_factory):
+    """Return a campaign that hides nothing, and its calibrated model."""
+    campaign = simulated(tmp_path_factory.mktemp("complete"), (), poses=180, holdout_share=0.33)
+    return campaign, calibrate(campaign)
+
+
+def test_a_few_gross_errors_are_no_property_of_the_model(complete):
+    campaign, clean = complete
     every = campaign.observations
     p_instr_m = every.measured.p_instr_m.copy()
     wrong = np.flatnonzero(every.kind == "grid")[[5, 60, 100]]
     p_instr_m[wrong, 0] += np.array([6e-3, -4e-3, 8e-3])[:, None]
     off = replace(every, measured=replace(every.measured, p_instr_m=p_instr_m))
-    spoiled, clean = (calibrate(replace(campaign, observations=each)) for each in (off, every))
+    spoiled = calibrate(replace(campaign, observations=off))
     q_rad = every.of_kind("holdout").states.q_rad
     u_mm = [float(np.mean(model.predict(q_rad, frame="tool").u_mm)) for model in (spoiled, clean)]
     assert u_mm[0] == pytest.approx(u_mm[1], rel=0.25)
 
 
-def test_of_a_complete_model_little_is_lacking(tmp_path):
-    campaign = simulated(tmp_path, (), poses=180, holdout_share=0.33)
-    ratio, _, promised = ratio_and_share(campaign, calibrate(campaign))
+def test_of_a_complete_model_little_is_lacking(complete):
+    ratio, _, promised = ratio_and_share(*complete)
     assert 0.7 < ratio < 1.3
     assert np.sqrt(np.mean(promised.u_mm**2)) < 0.05
 

@@ -197,6 +197,7 @@ def test_lost_motion_of_a_joint_is_no_smooth_unknown_of_it_as_well(loose):
     assert loose.nameless == ()
 
 
+@pytest.mark.slow
 def test_lost_motion_of_all_joints_explains_a_survey_that_has_it():
     hidden = Hidden(turn=lambda came: -3e-5 * came.arrival)
     found = observe(hidden, seed=1, poses=120, held_out=0).discovery

@@ -55,10 +55,20 @@ def test_right_statements_are_not_accused():
 @pytest.mark.parametrize(
     ("change", "kind", "told"),
     [
-        ({"gravity_m_s2": np.array([0.0, 1.949, -9.614])}, "gravity", "1.9"),
-        ({"mass_kg": 3.0, "com_m": np.array([0.0, 0.0, 0.12])}, "payload", "stated as 0.5 kg"),
+        pytest.param(
+            {"gravity_m_s2": np.array([0.0, 1.949, -9.614])},
+            "gravity",
+            "1.9",
+            marks=pytest.mark.slow,
+            id="gravity",
+        ),
+        pytest.param(
+            {"mass_kg": 3.0, "com_m": np.array([0.0, 0.0, 0.12])},
+            "payload",
+            "stated as 0.5 kg",
+            id="tool",
+        ),
     ],
-    ids=["gravity", "tool"],
 )
 def test_the_statement_that_is_wrong_is_told_and_no_effect_is_named(change, kind, told):
     found = verdict(replace(STATED, **change))

@@ -249,6 +249,7 @@ class TestANewEffect:
         assert found.holdout.after.mean_mm < 1.3 * found.noise_floor_mm
 
 
+@pytest.mark.slow_but_one_in(2)
 @pytest.mark.parametrize("log", [False, True], ids=["the arm alone", "its log as well"])
 def test_a_zero_that_moved_between_repeats_is_no_noise(log):
     """Joint 3 by 3e-4 rad after a third of the time: sixty times the noise of its log."""
