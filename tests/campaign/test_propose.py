@@ -68,6 +68,7 @@ def attitudes(table, convention):
         ("quaternion_wxyz", ["qw", "qx", "qy", "qz"]),
     ],
 )
+@pytest.mark.usefixtures("tried")
 def test_the_convention_is_that_in_which_the_nominal_arm_agrees(
     tmp_path, written, convention, names
 ):
