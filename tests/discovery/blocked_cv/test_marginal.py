@@ -79,6 +79,36 @@ def test_joints_have_bands_of_their_own_where_the_data_say_so():
 def test_a_search_that_has_not_settled_chooses_no_bands_by_joint(monkeypatch):
     small = BandPrior(8e-5, 1e-5, 2e-5, 7.0, 12.0, 3.0, 3e-6)
     waves = waves_of([TRUE, small], seed=2)
-    assert not most_likely(waves).shared
+    found = most_likely(waves)
+    assert found.settled
+    assert not found.shared
     monkeypatch.setattr(band_likelihood, "COMPUTING", replace(COMPUTING, band_steps=3))
     assert most_likely(waves).shared
+    monkeypatch.setattr(band_likelihood, "COMPUTING", replace(COMPUTING, band_steps=1))
+    assert not most_likely(waves).settled
+
+
+def climb(start, worse_at):
+    """Climb to zero where the cost is x², but far more where it is computed at these calls."""
+    calls = iter(range(1000))
+
+    def cost(point):
+        value = float(point @ point) + (1e3 if next(calls) in worse_at else 0.0)
+        return band_likelihood._Point(point, value, 2.0 * point, 2.0 * np.eye(2), np.eye(2))
+
+    return band_likelihood._most_likely_from(cost, np.array(start))
+
+
+def test_a_damped_step_that_gains_little_settles_no_search():
+    found, settled = climb([1.0, 0.5], worse_at=range(1, 6))
+    assert settled
+    assert found.value < 0.01
+    found, settled = climb([1.0, 0.5], worse_at=range(1, 1000))
+    assert not settled
+    assert found.value > 1.0
+
+
+def test_a_search_that_begins_at_its_end_stays_there():
+    found, settled = climb([0.0, 0.0], worse_at=())
+    assert settled
+    assert not found.point.any()

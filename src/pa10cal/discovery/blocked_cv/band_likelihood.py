@@ -1,10 +1,10 @@
 """The band of a joint's error, estimated from the data by marginal likelihood.
 
 Amplitudes of waves are Gaussian a priori. Their standard deviation by order is a few parameters:
-levels below and in a band, its ends, its decay, a floor. With all waves and the model's parameters
-integrated out, the data determine which of these are likely (type II maximum likelihood, empirical
-Bayes; MacKay 1992, Neural Computation 4, 415). The normal equations suffice; a step costs one
-factorisation, which gives the gradient too.
+the level of the slowest waves, levels below and in a band, its ends, its decay, a floor. With all
+waves and the model's parameters integrated out, the data determine which of these are likely (type
+II maximum likelihood, empirical Bayes; MacKay 1992, Neural Computation 4, 415). The normal
+equations suffice; a step costs one factorisation, which gives the gradient too.
 
 A point of the search (p,) is the logarithms of the k parameters of a band, then, if each joint has
 its own, the deviations of each joint's logarithms from these in units of `_STD_OF_JOINT`, then the
@@ -13,6 +13,7 @@ logarithm of the scatter of the rows.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import astuple, dataclass
 from typing import NamedTuple
 
@@ -56,6 +57,8 @@ class BandEstimates:
     log_std: Array  # (maps, k) standard uncertainty of the logarithms of each band's parameters
     scatter: float  # standard deviation of the rows, in units of that stated
     shared: bool  # whether one band for all maps is likelier than one for each
+    # whether the search arrived at its most likely point; else `log_std` holds only near that point
+    settled: bool
 
 
 class LogLikelihood(NamedTuple):
@@ -72,17 +75,21 @@ class LogLikelihood(NamedTuple):
 
 
 def most_likely(waves: Waves) -> BandEstimates:
-    """Return the bands under which the data are most likely, one for all maps or one for each."""
+    """Return the bands under which the data are most likely, one for all maps or one for each.
+
+    One for all where a search has not settled, as the evidence is known at likeliest points alone.
+    The uncertainties are by the expected curvature (Laplace's approximation).
+    """
     start = np.append(_logs(TYPICAL), 0.0)
     together, together_settled = _most_likely_from(_Cost(waves, each_its_own=False), start)
     if waves.maps == 1:
-        return _bands(together)
-    shared, log_scatter = together.at[:_PARAMETERS], together.at[_PARAMETERS:]
+        return _bands(together, together_settled)
+    shared, log_scatter = together.point[:_PARAMETERS], together.point[_PARAMETERS:]
     start = np.concatenate([shared, np.zeros(_PARAMETERS * waves.maps), log_scatter])
     apart, apart_settled = _most_likely_from(_Cost(waves, each_its_own=True), start)
-    if not (together_settled and apart_settled):  # evidence is known at likeliest points alone
-        return _bands(together)
-    return _bands(min(together, apart, key=_minus_twice_log_evidence))
+    if not (together_settled and apart_settled):
+        return _bands(together, together_settled)
+    return _bands(min(together, apart, key=_minus_twice_log_evidence), True)
 
 
 def minus_twice_log_likelihood(waves: Waves, log_sizes: Array, log_scatter: float) -> LogLikelihood:
@@ -94,6 +101,7 @@ def minus_twice_log_likelihood(waves: Waves, log_sizes: Array, log_scatter: floa
     residual = equations.squares_at(x)
     determined = len(x) - float(variance.sum())
     of_waves = slice(waves.leading, None)
+    # I - (A'A + I)^-1 = A' S^-1 A, with S = A A' + I the covariance of the rows, waves included.
     information = np.eye(len(log_sizes)) - covariance[of_waves, of_waves]
     return LogLikelihood(
         value=2.0 * (waves.rows * log_scatter - equations.log_evidence),
@@ -107,16 +115,21 @@ def minus_twice_log_likelihood(waves: Waves, log_sizes: Array, log_scatter: floa
 class _Point:
     """The cost at a point of the search."""
 
-    at: Array  # (p,)
+    point: Array  # (p,)
     value: float  # minus twice the log-likelihood and the log prior
     gradient: Array  # (p,)
     curvature: Array  # (p, p) expected second derivative
-    logs_of_point: Array  # (maps k, p - 1) takes a point, without the scatter, to `logs`
+    logs_by_point: Array  # (maps k, p - 1) takes a point, without the scatter, to `logs`
 
     @property
     def logs(self) -> Array:
         """Return the logarithms of each map's parameters, (maps, k)."""
-        return np.asarray((self.logs_of_point @ self.at[:-1]).reshape(-1, _PARAMETERS))
+        return np.asarray((self.logs_by_point @ self.point[:-1]).reshape(-1, _PARAMETERS))
+
+    @property
+    def predicted_gain(self) -> float:
+        """Return by how much an undamped step would lower the value, by gradient and curvature."""
+        return 0.5 * float(self.gradient @ np.linalg.solve(self.curvature, self.gradient))
 
 
 class _Cost:
@@ -124,52 +137,55 @@ class _Cost:
 
     def __init__(self, waves: Waves, *, each_its_own: bool) -> None:
         self._waves, self._typical = waves, _logs(TYPICAL)
-        logs_of_point = np.tile(np.eye(_PARAMETERS), (waves.maps, 1))
+        logs_by_point = np.tile(np.eye(_PARAMETERS), (waves.maps, 1))
         if each_its_own:
             by_own = np.kron(np.eye(waves.maps), np.diag(_STD_OF_JOINT))
-            logs_of_point = np.hstack([logs_of_point, by_own])
-        self._logs_of_point = logs_of_point
+            logs_by_point = np.hstack([logs_by_point, by_own])
+        self._logs_by_point = logs_by_point
 
-    def __call__(self, at: Array) -> _Point:
+    def __call__(self, point: Array) -> _Point:
         """Return the cost at a point."""
         waves, orders = self._waves, self._waves.orders
-        logs = (self._logs_of_point @ at[:-1]).reshape(-1, _PARAMETERS)
+        logs = (self._logs_by_point @ point[:-1]).reshape(-1, _PARAMETERS)
         log_sizes = np.concatenate([_log_sizes(each, orders) for each in logs])
-        likelihood = minus_twice_log_likelihood(waves, log_sizes, float(at[-1]))
-        slopes = block_diag(*(_slopes(each, orders) for each in logs)) @ self._logs_of_point
-        off = np.append((at[:_PARAMETERS] - self._typical) / _STD_OF_BAND, at[_PARAMETERS:-1])
-        off_by_at = np.append(1.0 / _STD_OF_BAND, np.ones(len(at) - 1 - _PARAMETERS))
-        of_prior = np.diag(2.0 * off_by_at**2)  # curvature of the squares of `off`
+        likelihood = minus_twice_log_likelihood(waves, log_sizes, float(point[-1]))
+        slopes = block_diag(*(_slopes(each, orders) for each in logs)) @ self._logs_by_point
+        off = np.append((point[:_PARAMETERS] - self._typical) / _STD_OF_BAND, point[_PARAMETERS:-1])
+        off_by_point = np.append(1.0 / _STD_OF_BAND, np.ones(len(point) - 1 - _PARAMETERS))
+        of_prior = np.diag(2.0 * off_by_point**2)  # curvature of the squares of `off`
         by_logs = slopes.T @ likelihood.curvature @ slopes + of_prior
-        gradient = slopes.T @ likelihood.by_sizes + 2.0 * off_by_at * off
+        gradient = slopes.T @ likelihood.by_sizes + 2.0 * off_by_point * off
         return _Point(
-            at=at,
+            point=point,
             value=likelihood.value + float(off @ off),
             gradient=np.append(gradient, likelihood.by_scatter),
             curvature=block_diag(by_logs, np.full((1, 1), 4.0 * waves.rows)),
-            logs_of_point=self._logs_of_point,
+            logs_by_point=self._logs_by_point,
         )
 
 
-def _most_likely_from(cost: _Cost, start: Array) -> tuple[_Point, bool]:
+def _most_likely_from(cost: Callable[[Array], _Point], start: Array) -> tuple[_Point, bool]:
     """Return the most likely point from a start, by damped steps of Fisher scoring.
 
-    And whether the steps settled there.
+    And whether the steps settled there: neither the last one nor the next one gains much. A damped
+    step may gain little far from the most likely point.
     """
     here, damping = cost(start), 0.0
     for _ in range(COMPUTING.band_steps):
         damped = here.curvature + damping * np.diag(np.diag(here.curvature))
         step = -np.linalg.solve(damped, here.gradient)
-        step *= min(1.0, COMPUTING.band_longest / float(np.abs(step).max()))
-        ahead = cost(here.at + step)
+        longest = float(np.abs(step).max())
+        if longest > COMPUTING.band_longest:
+            step *= COMPUTING.band_longest / longest
+        ahead = cost(here.point + step)
         if ahead.value > here.value:
             damping = max(COMPUTING.damping_up * damping, COMPUTING.band_damping)
             continue
         gained, here = here.value - ahead.value, ahead
         damping *= COMPUTING.damping_down
-        if gained < COMPUTING.band_settled:
+        if gained < COMPUTING.band_settled and here.predicted_gain < COMPUTING.band_settled:
             return here, True
-    return here, False
+    return here, here.predicted_gain < COMPUTING.band_settled
 
 
 def _minus_twice_log_evidence(point: _Point) -> float:
@@ -178,15 +194,16 @@ def _minus_twice_log_evidence(point: _Point) -> float:
     return point.value + float(log_det)
 
 
-def _bands(point: _Point) -> BandEstimates:
+def _bands(at: _Point, settled: bool) -> BandEstimates:
     """Return the bands at a point, with uncertainties by the expected curvature."""
-    covariance = 2.0 * np.linalg.inv(point.curvature[:-1, :-1])
-    variances = np.diag(point.logs_of_point @ covariance @ point.logs_of_point.T)
+    covariance = 2.0 * np.linalg.inv(at.curvature[:-1, :-1])
+    variances = np.diag(at.logs_by_point @ covariance @ at.logs_by_point.T)
     return BandEstimates(
-        bands=tuple(map(_band, point.logs)),
+        bands=tuple(map(_band, at.logs)),
         log_std=np.sqrt(variances).reshape(-1, _PARAMETERS),
-        scatter=float(np.exp(point.at[-1])),
-        shared=len(point.at) == 1 + _PARAMETERS,
+        scatter=float(np.exp(at.point[-1])),
+        shared=len(at.point) == 1 + _PARAMETERS,
+        settled=settled,
     )
 
 

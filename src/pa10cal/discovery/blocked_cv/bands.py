@@ -71,8 +71,8 @@ def _total_squares(squares: Array) -> results.LeftOut:
 def in_bands(rows: BlockedRows, fine: LinearFit) -> InBands | None:
     """Fit maps with bands as their prior.
 
-    None if no map of the fit is as fine as `MAPS.finer_knots`, or if bands predict held-out poses
-    worse.
+    None if no map of the fit is as fine as `MAPS.finer_knots`, if the search for the bands has not
+    settled, so that their uncertainties are not known, or if bands predict held-out poses worse.
     """
     maps = maps_among(fine.members)
     if not maps or max(each.knots for each in maps) < MAPS.finer_knots[0]:
@@ -86,6 +86,8 @@ def in_bands(rows: BlockedRows, fine: LinearFit) -> InBands | None:
     total, measured = summed(blocks), rows.survey.poses.measured
     row_count = _row_count(measured, weight)
     estimates = most_likely(Waves(total, row_count, waves.leading, waves.orders))
+    if not estimates.settled:
+        return None
     sizes = (
         waves.sizes_as_found(maps, estimates.scatter),
         waves.sizes(estimates.bands, estimates.scatter),

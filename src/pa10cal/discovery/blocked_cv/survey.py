@@ -30,7 +30,7 @@ LEAST_FOR_BLOCKS = BLOCKS.blocks * BLOCKS.least_poses
 _NUISANCES = ("wander", "change", "lag")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Survey:
     """P different poses, their blocks, and the model from which the search sets out.
 
@@ -41,8 +41,8 @@ class Survey:
     # in order of time; their states hold the static loads and the directions of arrival
     poses: Observations
     # (P,) number of the block of each pose, from 0: consecutive poses, or interleaved where the
-    # base moves or something changed in the course of time; -1 for a pose in no block, where only
-    # the poses of one are asked for (`bands`)
+    # base moves or something changed in the course of time. In copies made by `bands` block 0 has
+    # the poses of one stretch of angles, and all others are in none, which is -1
     block: Index
     # the model from which the search sets out; its chain has the bends of the long links
     baseline: FittedModel
@@ -99,7 +99,7 @@ class Survey:
     def cells(self) -> Observations:
         """Return the poses, by the name that `EvidenceProblem` has for poses with all repeats.
 
-        What takes either of both reads this name.
+        `next_poses` proposes poses by a survey or by such a problem.
         """
         return self.poses
 
@@ -193,9 +193,10 @@ def consecutive_blocks(poses: Observations) -> Index:
 
     If each block held a single campaign, differences between campaigns would count as chance. The
     last poses of a campaign that is not one of a group, if they are apart from all others, are
-    dealt to the smallest blocks, one by one, and the others are divided without them. Only those in
-    the last block are dealt: blocks that are filled by poses apart shield each other, as they do at
-    an end of rows sorted by the steps of a joint, which are to stay together.
+    dealt to the smallest blocks, one by one, and the others are divided without them: of 104 poses
+    whose last four are apart, each block has ten consecutive ones, and four blocks one more. Only
+    those in the last block are dealt: blocks that are filled by poses apart shield each other, as
+    they do at an end of rows sorted by the steps of a joint, which are to stay together.
     """
     campaign = poses.states.campaign
     if campaign is not None:
@@ -217,7 +218,9 @@ def _tenths(campaign: Index) -> Index:
     """Return block numbers (P,) of poses by the number of their campaign (P,), in order of time.
 
     Poses of campaigns with fewer poses than blocks are dealt to the blocks in turn, from one such
-    campaign to the next. The others begin at the block that leaves the sizes most even.
+    campaign to the next. The others begin at the block that leaves the sizes most even. So of
+    campaigns with 7, 25 and 6 poses the first is in blocks 0 to 6, the last in 7, 8, 9, 0, 1, 2,
+    and the second has two or three consecutive poses in every block.
     """
     block = np.zeros(len(campaign), dtype=np.intp)
     held = np.zeros(BLOCKS.blocks, dtype=np.intp)
@@ -243,9 +246,9 @@ def _last_apart(q_rad: Array, block: Index) -> Index:
 
     As where poses that a verdict asked for were measured after all others. If they were held out
     together, what they show would be in one block, which is then predicted badly whatever the model
-    holds. None if they are no more than ranges of joints have by chance, if poses of another block
-    are apart too, as in rows sorted by a joint, or along a path, where poses that are close
-    together err alike.
+    holds. None if they are no more than ranges of joints have by chance, or fewer than twice those
+    apart in another block, as in rows sorted by a joint; none along a path, where poses that are
+    close together err alike.
     """
     if along_a_path(q_rad):
         return np.zeros(0, np.intp)
@@ -255,8 +258,8 @@ def _last_apart(q_rad: Array, block: Index) -> Index:
         apart[here] = outside_ranges(q_rad[here], q_rad[~here])
     count = np.bincount(block[apart], minlength=BLOCKS.blocks)
     last = BLOCKS.blocks - 1
-    alone = count[last] >= max(BLOCKS.least_apart, 2 * count[:last].max())
-    return np.flatnonzero(apart & (block == last) & alone)
+    beyond_chance = count[last] >= max(BLOCKS.least_apart, 2 * count[:last].max())
+    return np.flatnonzero(apart & (block == last) & beyond_chance)
 
 
 def _with_spring_loads_from_log(poses: Observations) -> Observations:
