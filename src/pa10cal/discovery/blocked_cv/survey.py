@@ -193,8 +193,8 @@ def consecutive_blocks(poses: Observations) -> Index:
 
     If each block held a single campaign, differences between campaigns would count as chance. The
     last poses of a campaign that is not one of a group, if they are apart from all others, are
-    dealt to the smallest blocks, one by one, and the others are divided without them: of 104 poses
-    whose last four are apart, each block has ten consecutive ones, and four blocks one more. Only
+    dealt to the smallest blocks, one by one, and the others are divided without them: of 105 poses
+    whose last five are apart, each block has ten consecutive ones, and five blocks one more. Only
     those in the last block are dealt: blocks that are filled by poses apart shield each other, as
     they do at an end of rows sorted by the steps of a joint, which are to stay together.
     """
