@@ -132,6 +132,14 @@ class TestShownLoads:
         assert found_N == list(true_N)
         assert len(faults) == 1
 
+    @pytest.mark.parametrize("written_N", [(44, 0, 0, 0), (44, 0, 44, 44)])
+    def test_those_exchanged_among_unequal_numbers_of_repeats_are_found(
+        self, monkeypatch, written_N
+    ):
+        told_N, (fault,) = self.told(monkeypatch, (0, 44, 44, 44), written_N)
+        assert told_N == [0, 44, 44, 44]
+        assert fault.what.startswith("the loads seem exchanged: ")
+
     def test_one_that_is_alone_with_another_load_is_none(self, monkeypatch):
         told_N, faults = self.told(monkeypatch, (0, 22, 44), (22, 22, 44))
         assert (told_N, faults) == ([22, 22, 44], [])

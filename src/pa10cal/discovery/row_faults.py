@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import permutations
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -135,7 +136,7 @@ def _reading_faults(
 
 
 def _exchanged_labels(readings: Observations, model: FittedModel) -> dict[int, tuple[int, ...]]:
-    """Return, by row, another order of the targets with which the reading fits far better."""
+    """Return, by index of the reading, an order of the targets with which it fits far better."""
     order_of: dict[int, tuple[int, ...]] = {}
     misfit = np.linalg.norm(model.compared(readings).residual, axis=1)
     to_beat = ROWS.exchanged_left_share * misfit
@@ -165,43 +166,65 @@ def _orders(measured: Instrument) -> Iterator[tuple[int, ...]]:
 # Loads that were exchanged between readings of one pose.
 
 
+class LoadsShown(NamedTuple):
+    """The loads that P readings show."""
+
+    true_N: Array  # (P,) not the stated one where it was exchanged
+    gain: Array  # (P,) share of the squared error of all readings that the exchange removes
+
+
 def true_loads(
     readings: Observations, model: FittedModel, payload: Payload | None, torques: TorqueSource
-) -> tuple[Array, Array]:
-    """Return the load of each reading, (P,), which is not the stated one where it was exchanged.
+) -> LoadsShown:
+    """Return the loads that readings show.
 
-    And the share (P,) of the squared error of all readings that the exchange removes. All loads are
-    as stated where the readings cannot show them (the payload is not known, there is one load, or
-    there are no torques), and where so many seem exchanged that a load or torque is wrong instead.
+    All loads are as stated where the readings cannot show them (the payload is not known, there is
+    one load, or there are no torques), and where so many seem exchanged that a load or torque is
+    wrong instead.
     """
     stated_N = readings.states.load_N
-    as_stated = stated_N, np.zeros(len(readings))
+    as_stated = LoadsShown(stated_N, np.zeros(len(readings)))
     if payload is None or len(np.unique(stated_N)) < 2 or torques == "none":
         return as_stated
     deviation, by_load = _load_rows(readings, model, payload, torques)
-    centred = _less_error_of_pose(deviation, readings.pose, stated_N)
+    shown = _exchanged_loads(_less_error_of_pose(deviation, readings), by_load, readings)
+    by_loads = _less_error_of_pose(deviation, readings, loads_alike=True)
+    others = _exchanged_loads(by_loads, by_load, readings)
+    found = np.isin(readings.pose, readings.pose[shown.true_N != stated_N])
+    shown = LoadsShown(
+        np.where(found, shown.true_N, others.true_N), np.where(found, shown.gain, others.gain)
+    )
+    wrong = shown.true_N != stated_N
+    return as_stated if not wrong.any() or _are_no_slips(wrong, readings) else shown
+
+
+def _exchanged_loads(centred: Array, by_load: Array, readings: Observations) -> LoadsShown:
+    """Return the loads shown by deviations (P, r) less those of their poses.
+
+    Args:
+        by_load: (P, r) derivative of the deviations by the load.
+    """
+    stated_N = readings.states.load_N
     scale = NOISE.median_to_sigma * np.median(np.abs(centred), axis=0)
     known = scale > 0.0
     white, columns = centred[:, known] / scale[known], by_load[:, known] / scale[known]
     shown_N = _shown_loads(white, columns, stated_N)
     true_N = np.where(_are_exchanged(shown_N, stated_N, readings.pose), shown_N, stated_N)
-    wrong = true_N != stated_N
-    if not wrong.any() or _are_no_slips(wrong, readings):
-        return as_stated
     corrected = white - columns * (true_N - stated_N)[:, None]
-    gain = np.sum(white**2 - corrected**2, axis=1) / np.sum(white**2)
-    return true_N, np.where(wrong, gain, 0.0)
+    removed = np.sum(white**2 - corrected**2, axis=1)
+    gain = removed / max(float(np.sum(white**2)), np.finfo(float).tiny)
+    return LoadsShown(true_N, np.where(true_N != stated_N, gain, 0.0))
 
 
 def _are_no_slips(wrong: Mask, readings: Observations) -> bool:
     """Return whether loads (P,) are wrong in too many readings and poses for slips of a hand."""
-    poses = [
+    slipped = [  # of the poses that were measured under several loads
         wrong[rows].any()
         for rows in (readings.pose == pose for pose in np.unique(readings.pose))
         if len(np.unique(readings.states.load_N[rows])) > 1
     ]
     in_many_readings = wrong.mean() > ROWS.most_slips_share
-    return bool(in_many_readings and np.mean(poses) > ROWS.most_slipped_poses)
+    return bool(in_many_readings and np.mean(slipped) > ROWS.most_slipped_poses)
 
 
 def _load_rows(
@@ -228,19 +251,29 @@ def _load_rows(
     return now, (now - deviation(step_N)) / step_N
 
 
-def _less_error_of_pose(deviation: Array, pose: NDArray[np.str_], stated_N: Array) -> Array:
+def _less_error_of_pose(
+    deviation: Array, readings: Observations, *, loads_alike: bool = False
+) -> Array:
     """Return deviations (P, r) less their median over the readings of a pose.
 
     An error of the pose moves the readings of all its loads; an exchange of two loads moves them by
-    opposite amounts, and leaves the median where it is. Of three loads in cyclic order it does not,
-    so these are not found. The readings of a pose that was measured under one load stay as they
-    are: no load in it can have been exchanged.
+    opposite amounts. It leaves the median where it is if it is of as many readings of both. If all
+    readings of loads with unequal numbers of repeats are exchanged, it leaves the median of the
+    medians of the loads (`loads_alike`). Of three loads in cyclic order it leaves neither, so these
+    are not found. The readings of a pose that was measured under one load stay as they are: no load
+    in it can have been exchanged.
     """
-    centred = deviation.copy()
-    for each in np.unique(pose):
-        rows = np.flatnonzero(pose == each)
-        if len(np.unique(stated_N[rows])) > 1:
-            centred[rows] -= np.median(deviation[rows], axis=0)
+    centred, stated_N = deviation.copy(), readings.states.load_N
+    for pose in np.unique(readings.pose):
+        rows = np.flatnonzero(readings.pose == pose)
+        loads_N = np.unique(stated_N[rows])
+        if len(loads_N) < 2:
+            continue
+        middle = deviation[rows]
+        if loads_alike:
+            of_load = [rows[stated_N[rows] == load_N] for load_N in loads_N]
+            middle = np.stack([np.median(deviation[at], axis=0) for at in of_load])
+        centred[rows] -= np.median(middle, axis=0)
     return centred
 
 
@@ -257,8 +290,8 @@ def _shown_loads(white: Array, columns: Array, stated_N: Array) -> Array:
     information = np.sum(columns**2, axis=1)
     # By least squares the load shown is the stated one and so much more.
     more_N = np.sum(columns * white, axis=1) / np.maximum(information, np.finfo(float).tiny)
-    # In some postures the load has hardly any effect. Deviations hold more than noise, so their
-    # scatter is measured: that of the loads shown, each in units of its own uncertainty.
+    # In some postures the load has hardly any effect, so each load shown has its own uncertainty.
+    # Deviations hold more than noise: their scatter is that of the loads shown, in these units.
     scatter = NOISE.median_to_sigma * float(np.median(np.abs(more_N) * np.sqrt(information)))
     u_N = scatter / np.sqrt(np.maximum(information, np.finfo(float).tiny))
     shown_N, least = stated_N.copy(), ROWS.load_left_share * np.sum(white**2, axis=1)
