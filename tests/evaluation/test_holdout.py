@@ -26,6 +26,7 @@ from pa10cal.evaluation.holdout import (
     Evaluation,
     base_motion_line,
     held_out_record,
+    judged_where_repeated,
     transfer_record,
 )
 from pa10cal.evaluation.model_errors import constant_tool_twist, held_out_errors
@@ -240,6 +241,19 @@ def test_in_its_own_campaign_a_model_is_parted_where_the_verdict_tells_a_step(ca
     whole = Evaluation(every, models, None, setup).judge_carried().errors
     assert found.by_parts["linear"].rms_mm < 0.7 * whole["linear"].rms_mm
     assert still.by_parts is still.parts is None
+
+
+def test_configurations_repeated_across_a_step_are_judged_before_and_after_it(carried):
+    model, every, setup = carried
+    pose = every.pose.copy()
+    pose[every.kind == "grid"] = "again"
+    every = replace(every, pose=pose)
+    cut_s = float(np.median(every.states.time_s))
+    evaluation = Evaluation(every, {"linear": model}, Extended(model, steps_s=(cut_s,)), setup)
+    judged = judged_where_repeated(evaluation, held_out={})
+    loads = len(np.unique(every.of_kind("grid").states.load_N))
+    assert set(judged) == {"grid"}
+    assert {len(each.rows) for each in judged["grid"].values()} == {2 * loads}
 
 
 def test_one_base_is_judged_where_the_poses_of_a_part_do_not_identify_its_own(

@@ -86,11 +86,38 @@ def test_accuracy_is_the_mean_attained_less_the_commanded_pose():
 
 @pytest.mark.parametrize(
     ("arrival", "alone"),
-    [(1.0, True), (-1.0, False), (0.0, True)],  # unknown in one repeat
+    [(1.0, True), (-1.0, False), (0.0, True)],  # unknown in the first repeat
 )
 def test_says_whether_joints_arrived_from_one_side(arrival, alone):
     found = iso9283_record(CAMPAIGN, "combined", *repeated(6, arrival=arrival), np.eye(3))
     assert found.repeatability.one_direction.tolist() == [alone]
+
+
+def test_directions_known_in_some_repeats_only_are_not_known():
+    assert iso9283._one_direction(np.array([[0.0, 0], [1, 0], [0, 0], [0, 0]])) is None
+    assert iso9283._one_direction(np.array([[0.0, 0], [1, 0], [1, 0], [1, 0]])) is True
+    assert iso9283._one_direction(np.array([[1.0, 0], [1, 0], [0, 0], [-1, 0]])) is False
+    assert iso9283._one_direction(np.zeros((4, 2))) is None
+
+
+def test_repeats_before_and_after_a_knock_are_not_pooled():
+    every, _ = repeated(12)
+    time_s = np.arange(13.0)
+    T = every.measured.T_instr_target.copy()
+    T[:12, 0, 3] = T[0, 0, 3] + 2e-3 * (time_s[:12] > 5.5)
+    every = every.with_measured(T_instr_target=T)
+    every = every.with_states(replace(every.states, time_s=time_s))
+    chain = Chain.of(load_arm("pa10_6ce"))
+    model = FittedModel(Model(chain, ()), np.zeros(0), np.eye(4))
+    cut = average_repeats(every, (5.5,))
+    models = {"grid": {"linear": held_out_errors(model, cut)}}
+    found = iso9283_record(CAMPAIGN, "combined", every, models, np.eye(3), (5.5,))
+    assert found.repeatability.repeats.tolist() == [6, 6]
+    np.testing.assert_allclose(found.repeatability.RP_mm, 0.0, atol=1e-9)
+    off_mm = found.accuracy["linear"].rows.AP_xyz_mm
+    np.testing.assert_allclose(off_mm[1] - off_mm[0], [2.0, 0.0, 0.0], atol=1e-9)
+    why = iso9283_record(CAMPAIGN, "combined", every, models, np.eye(3), (3.5, 7.5)).note
+    assert why.endswith("repeats between two sudden motions of base or instrument")
 
 
 @pytest.mark.parametrize(("timed", "alone"), [(False, None), (True, [False])])

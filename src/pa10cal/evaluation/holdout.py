@@ -59,13 +59,26 @@ class Evaluation:
     extended: Extended | None  # the model with the effects that are missing, or None
     setup: MeasurementSetup  # what is known of the campaign besides the poses
 
-    def judge(self, kind: str = "holdout") -> dict[str, results.HeldOutModel]:
-        """Return errors by model on poses of one kind; empty where there are no such poses."""
+    @property
+    def cuts_s(self) -> tuple[float, ...]:
+        """Return when base or instrument moved suddenly, by the verdict; none of a group."""
+        if self.extended is None or self.every.measured.campaigns:
+            return ()
+        return tuple(self.extended.steps_s)
+
+    def judge(
+        self, kind: str = "holdout", cuts_s: Sequence[float] = ()
+    ) -> dict[str, results.HeldOutModel]:
+        """Return errors by model on poses of one kind; empty where there are no such poses.
+
+        Repeats before and after a time in `cuts_s` are averaged apart, with one base for all; then
+        no outliers are sought, and errors are not listed by place.
+        """
         if not (self.every.kind == kind).any():
             return {}
         models = self._all_models()
         suspected = places = None
-        if kind == "holdout":
+        if kind == "holdout" and not cuts_s:
             if (self.every.kind == "grid").any():
                 # Outliers are sought by the last model, with the scatter of its calibration poses.
                 suspected = preparation.prepared(self.every, self._last, self.setup).suspected
@@ -75,7 +88,7 @@ class Evaluation:
         def errors(
             model: FittedModel, every: Observations, seen: AngleCoverage | None
         ) -> results.HeldOutModel:
-            poses = poses_for_model(every, kind, model, self.setup)
+            poses = poses_for_model(every, kind, model, self.setup, cuts_s)
             beyond = None if seen is None else ~seen.inside(poses.states.q_rad)
             return held_out_errors(model, poses, beyond, suspected, places)
 
@@ -161,8 +174,8 @@ def held_out_record(
     """
     judged = evaluation.judge()
     cuts_s: Sequence[float] = ()
-    if judged and evaluation.extended is not None and not evaluation.every.measured.campaigns:
-        cuts_s = with_enough_poses(evaluation.every, evaluation.extended.steps_s)
+    if judged and evaluation.cuts_s:
+        cuts_s = with_enough_poses(evaluation.every, evaluation.cuts_s)
     parts = by_parts = None
     if cuts_s:
         with suppress(CalibrationError):
@@ -236,15 +249,17 @@ def judged_where_repeated(
 ) -> dict[str, Mapping[str, results.HeldOutModel]]:
     """Judge models on all configurations of the kinds that have repeats, by kind.
 
-    Those of held-out poses were judged already: `held_out`, from `evaluation.judge()`.
+    Those before and after a sudden motion of base or instrument are configurations of their own. If
+    there is none, those of held-out poses were judged already: `held_out`, by `evaluation.judge()`.
     """
     judged: dict[str, Mapping[str, results.HeldOutModel]] = {}
+    cuts_s = evaluation.cuts_s
     for kind in _KINDS:
         readings = evaluation.every.of_kind(kind)
-        if len(readings) == len(np.unique(reading_groups(readings))):
+        if len(readings) == len(np.unique(reading_groups(readings, cuts_s))):
             continue
-        known = held_out if kind == "holdout" else None
-        judged[kind] = known or evaluation.judge(kind)
+        known = held_out if kind == "holdout" and not cuts_s else None
+        judged[kind] = known or evaluation.judge(kind, cuts_s)
     return judged
 
 

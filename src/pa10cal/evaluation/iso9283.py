@@ -7,7 +7,7 @@ commanded that pose. Accuracy therefore depends on the model; repeatability does
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -48,6 +48,7 @@ def iso9283_record(
     every: Observations,
     judged: Mapping[str, Mapping[str, results.HeldOutModel]],
     R_instr_base: Array,
+    cuts_s: Sequence[float] = (),
 ) -> results.Iso9283Record:
     """Return accuracy under every model and repeatability of every configuration repeated enough.
 
@@ -60,20 +61,23 @@ def iso9283_record(
         every: single readings of all kinds.
         judged: errors of every configuration, by kind of poses and name of the model.
         R_instr_base: (3, 3); rotations are given along the axes of the base.
+        cuts_s: when base or instrument moved suddenly; readings before and after such a time are
+            of two configurations, in `judged` as well.
     """
     readings = {kind: every.of_kind(kind) for kind in judged}
-    groups = {kind: reading_groups(single) for kind, single in readings.items()}
-    chosen = {kind: _repeated(readings[kind], code) for kind, code in groups.items()}
+    groups = {kind: reading_groups(single, cuts_s) for kind, single in readings.items()}
+    chosen = {kind: _repeated(readings[kind], groups[kind]) for kind in groups}
     about = {"campaign": campaign.name, "provenance": campaign.provenance}
-    if note := _why_none(every, groups, chosen):
+    if note := _why_none(every, groups, chosen, moved=bool(cuts_s)):
         return results.Iso9283Record(**about, calibration=calibration, note=note)
     arrivals = with_arrivals(every)[0]
     repeated = [
         row
-        for kind, rows in chosen.items()
-        for row in _repeatability(kind, arrivals.of_kind(kind), groups[kind], rows, R_instr_base)
+        for kind, numbers in chosen.items()
+        for row in _repeatability(kind, arrivals.of_kind(kind), groups[kind], numbers, R_instr_base)
     ]
-    if any(row["one_direction"] is None for row in repeated):  # a column is known as a whole
+    # The column cannot hold an unknown direction: it is left out where that of one row is unknown.
+    if any(row["one_direction"] is None for row in repeated):
         repeated = [row | {"one_direction": None} for row in repeated]
     names = list(next(iter(judged.values())))  # every kind was judged by the same models
     return results.Iso9283Record(
@@ -81,7 +85,7 @@ def iso9283_record(
         calibration=calibration,
         repeatability=results.RepeatabilityRows.model_validate(repeated),
         accuracy={
-            name: _accuracy([(judged[kind][name], rows) for kind, rows in chosen.items()])
+            name: _accuracy([(judged[kind][name], numbers) for kind, numbers in chosen.items()])
             for name in names
         },
     )
@@ -91,58 +95,62 @@ def _why_none(
     every: Observations,
     groups: Mapping[str, NDArray[np.intp]],
     chosen: Mapping[str, NDArray[np.intp]],
+    *,
+    moved: bool,
 ) -> str | None:
     """Return why there is neither accuracy nor repeatability; None where there is.
 
     Args:
         groups: number of the configuration of each reading, by kind.
         chosen: numbers of those repeated enough, by kind.
+        moved: whether base or instrument moved suddenly.
     """
     if not every.measured.directional:
         return "a distance alone shows neither the position nor the orientation attained"
     if any(map(len, chosen.values())):
         return None
-    most = max((np.bincount(code).max() for code in groups.values() if len(code)), default=0)
-    if most >= COMPARED.least_repeats:
+    counts = [np.bincount(numbers).max() for numbers in groups.values() if len(numbers)]
+    if max(counts, default=0) >= COMPARED.least_repeats:
         return "no target was observed in all repeats of a configuration"
-    return f"no configuration has {COMPARED.least_repeats} repeats"
+    between = " between two sudden motions of base or instrument" if moved else ""
+    return f"no configuration has {COMPARED.least_repeats} repeats{between}"
 
 
-def _repeated(single: Observations, code: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Return the configurations with enough repeats that all see one target at least."""
-    if not len(code) or not single.measured.directional:
+def _repeated(single: Observations, configuration: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Return the numbers of configurations with enough repeats that all see one target at least."""
+    if not len(configuration) or not single.measured.directional:
         return np.zeros(0, dtype=np.intp)
-    enough = np.flatnonzero(np.bincount(code) >= COMPARED.least_repeats)
+    enough = np.flatnonzero(np.bincount(configuration) >= COMPARED.least_repeats)
     seen = np.isfinite(single.measured.places_m)
-    in_all = [row for row in enough if seen[code == row].all(axis=(0, 2)).any()]
+    in_all = [k for k in enough if seen[configuration == k].all(axis=(0, 2)).any()]
     return np.array(in_all, dtype=np.intp)
 
 
 def _repeatability(
     kind: str,
     single: Observations,
-    code: NDArray[np.intp],
-    rows: NDArray[np.intp],
+    configuration: NDArray[np.intp],
+    numbers: NDArray[np.intp],
     R_instr_base: Array,
 ) -> Iterator[dict[str, Any]]:
-    """Yield the rows of configurations, by the keys of `RepeatabilityRows`.
+    """Yield the rows of configurations with these numbers, by the keys of `RepeatabilityRows`.
 
     Of several targets the mean of those is taken that all repeats see.
     """
     positions_m, R = single.measured.places_m, single.measured.attitudes
     if R is not None:
         R = R_instr_base.T @ R
-    for row in rows:
-        at = code == row
+    for number in numbers:
+        at = np.flatnonzero(configuration == number)
+        at = at[np.argsort(single.states.time_s[at], kind="stable")]
         p_m = positions_m[at]
-        RP_mm, RP_deg = repeatability(
-            p_m[:, np.isfinite(p_m).all(axis=(0, 2))].mean(axis=1), None if R is None else R[at]
-        )
+        mean_of_targets_m = p_m[:, np.isfinite(p_m).all(axis=(0, 2))].mean(axis=1)
+        RP_mm, RP_deg = repeatability(mean_of_targets_m, None if R is None else R[at])
         yield {
             "kind": kind,
             "pose": single.pose[at][0],
             "load_N": single.states.load_N[at][0],
-            "repeats": int(at.sum()),
+            "repeats": len(at),
             "one_direction": _one_direction(single.states.arrival[at]),
             "RP_mm": RP_mm,
             "RP_deg": RP_deg,
@@ -150,23 +158,27 @@ def _repeatability(
 
 
 def _one_direction(arrival: Array) -> bool | None:
-    """Return whether joints arrived from one side each in repeats (N, n), where that is known.
+    """Return whether joints arrived from one side each in repeats (N, n), in order of time.
 
-    None where no direction is.
+    None where the direction of a joint is known in some repeats only, or of none in any. Before the
+    first reading of a campaign no move is known, so the first repeat may lack directions.
     """
-    if not arrival.any():
+    if np.any((arrival > 0.0).any(axis=0) & (arrival < 0.0).any(axis=0)):
+        return False
+    known = arrival != 0.0
+    if not known.any() or (known.any(axis=0) & ~known[1:].all(axis=0)).any():
         return None
-    return not np.any((arrival > 0.0).any(axis=0) & (arrival < 0.0).any(axis=0))
+    return True
 
 
 def _accuracy(parts: list[tuple[results.HeldOutModel, NDArray[np.intp]]]) -> results.PoseAccuracy:
-    """Return the accuracy of one model, by its errors in each kind of poses and rows of these."""
+    """Return the accuracy of one model, by its errors and the configurations of each kind."""
 
     def column(name: str) -> NDArray[Any] | None:
-        columns = [(getattr(model.rows, name), rows) for model, rows in parts if len(rows)]
+        columns = [(getattr(model.rows, name), numbers) for model, numbers in parts if len(numbers)]
         if any(values is None for values, _ in columns):
             return None
-        return np.concatenate([values[rows] for values, rows in columns])
+        return np.concatenate([values[numbers] for values, numbers in columns])
 
     off_mm, turned_deg = np.asarray(column("position_mm")), column("rotation_deg")
     AP_mm = np.linalg.norm(off_mm, axis=1)

@@ -213,9 +213,12 @@ class RepeatabilityRows(record.Table):
     kind: arrays.LabelColumn  # `grid`: used for the fit, or `holdout`: held out
     pose: arrays.LabelColumn  # label of the pose
     load_N: arrays.Column  # load [N]
-    repeats: arrays.CountColumn  # readings of it
-    # whether every joint arrived from the same side in all of them, as the standard has it: by the
-    # log, or by the order of the poses; null where neither tells it of all configurations
+    # readings of it; those before and after a sudden motion of base or instrument, as the verdict
+    # has it, have rows of their own
+    repeats: arrays.CountColumn
+    # whether every joint that moved arrived from the same side in all of them, as the standard has
+    # it: by the log, or by the order of the poses; null where neither tells it of all
+    # configurations, the first reading of each aside
     one_direction: arrays.FlagColumn | None
     # RP_l: mean distance from the mean position, and three standard deviations [mm]; of several
     # targets of the mean of those seen in all repeats, whose noise is less than that of one

@@ -46,7 +46,10 @@ def evaluate(
         *_, calibrated = models.values()
         repeated = holdout.judged_where_repeated(evaluation, held_out=held_out.models)
         R_instr_base = calibrated.T_instr_base[:3, :3]
-        write(iso9283_record(campaign, record.load, observations, repeated, R_instr_base), iso9283)
+        found = iso9283_record(
+            campaign, record.load, observations, repeated, R_instr_base, evaluation.cuts_s
+        )
+        write(found, iso9283)
     print(f"{campaign.name}: {holdout.summary(held_out, springs=record.has_springs)}")
     if held_out.parts and held_out.by_parts:
         errors = ", ".join(
