@@ -139,7 +139,7 @@ def _individual(
     without_noise = settings.model_copy(update={"without_touches": plan.model_copy(update=_EXACT)})
     exact = as_read(simulate_campaign(made.name, arm, without_noise))
     true = errors_of(exact, "holdout")
-    truth = truth_record(made).parameters
+    truth = truth_record(made, ()).parameters
     rows_of = {name: (fitted[name].rows, held_out[name].rows) for name in fitted}
     return results.Individual(
         number=number,

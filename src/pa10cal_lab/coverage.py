@@ -287,7 +287,7 @@ def _touched_scores(seed: int, options: CalibrationOptions) -> dict[str, float]:
         readings,
         1e-3 * options.apparatus_uncertainty_mm,
     )
-    return reported_scores(parameter_records(found), truth_record(made).parameters)
+    return reported_scores(parameter_records(found), truth_record(made, ()).parameters)
 
 
 def _table(by_name: Sequence[Mapping[str, float]]) -> tuple[tuple[str, ...], Array]:

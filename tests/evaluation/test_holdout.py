@@ -246,14 +246,17 @@ def test_in_its_own_campaign_a_model_is_parted_where_the_verdict_tells_a_step(ca
 def test_configurations_repeated_across_a_step_are_judged_before_and_after_it(carried):
     model, every, setup = carried
     pose = every.pose.copy()
-    pose[every.kind == "grid"] = "again"
+    pose[np.flatnonzero(every.kind == "grid")[::5]] = "again"
     every = replace(every, pose=pose)
     cut_s = float(np.median(every.states.time_s))
     evaluation = Evaluation(every, {"linear": model}, Extended(model, steps_s=(cut_s,)), setup)
     judged = judged_where_repeated(evaluation, held_out={})
-    loads = len(np.unique(every.of_kind("grid").states.load_N))
     assert set(judged) == {"grid"}
-    assert {len(each.rows) for each in judged["grid"].values()} == {2 * loads}
+    again = every.take(every.pose == "again").states
+    configurations = set(zip(again.load_N, again.time_s > cut_s, strict=True))
+    assert len(configurations) == 2 * len(set(again.load_N))
+    for model in judged["grid"].values():
+        assert (model.rows.pose == "again").sum() == len(configurations)
 
 
 def test_one_base_is_judged_where_the_poses_of_a_part_do_not_identify_its_own(

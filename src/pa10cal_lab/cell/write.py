@@ -32,7 +32,8 @@ from pa10cal_lab.trial_records import (
     TruthRecord,
 )
 
-#: Where each disturbance of a campaign is: poses, joints, loads or keys.
+#: Where the disturbances of a campaign are, one entry each in the order of the settings: poses,
+#: joints, loads or keys.
 Places = tuple[tuple[str, ...], ...]
 
 CAMPAIGN_SCHEMA = "pa10cal-campaign/1"
@@ -50,7 +51,7 @@ def write_campaign(campaign: SimulatedCampaign, folder: Path, truth: Path | None
     so that a folder with a description is whole.
 
     Args:
-        folder: the campaign's folder; files of a former campaign in it are replaced.
+        folder: the campaign's folder; files of the same names are replaced, any other is refused.
         truth: the file for what is hidden; None for none.
 
     Returns:
@@ -59,6 +60,8 @@ def write_campaign(campaign: SimulatedCampaign, folder: Path, truth: Path | None
     Raises:
         SimulationError: when the truth would lie inside the folder, when the folder holds anything
             that is not a campaign's, or when the arm's description would replace the campaign's.
+        OutputError: when a file cannot be written; where it is that of the truth, a former campaign
+            in the folder stays whole.
     """
     instrument, settings = campaign.instrument, campaign.settings
     log = RawLog.of(campaign_description(campaign), campaign.tables, campaign.truth.robot.arm)
@@ -73,9 +76,10 @@ def write_campaign(campaign: SimulatedCampaign, folder: Path, truth: Path | None
             allowed=f"an arm whose description is not {DESCRIPTION_FILE}",
             remedy="give the arm another name",
         )
-    _claim_folder(folder, truth, [*instrument.files.values(), *described])
+    _check_folder(folder, truth, [*instrument.files.values(), *described])
     if truth is not None:
         write(truth_record(campaign, places), truth)
+    (folder / DESCRIPTION_FILE).unlink(missing_ok=True)
     for key, name in instrument.files.items():
         write_table(log.tables[key], folder / name, instrument.decimals)
     for name, text in described.items():
@@ -100,11 +104,11 @@ def campaign_description(campaign: SimulatedCampaign) -> dict[str, Any]:
     }
 
 
-def truth_record(campaign: SimulatedCampaign, places: Places = ()) -> TruthRecord:
+def truth_record(campaign: SimulatedCampaign, places: Places) -> TruthRecord:
     """Return all that a campaign hides; no estimate reads it.
 
     Args:
-        places: where each disturbance of its settings was put.
+        places: where each disturbance of its settings was put, one entry each.
     """
     truth, settings = campaign.truth, campaign.settings
     robot, mechanism = truth.robot, truth.robot.mechanism
@@ -186,8 +190,8 @@ def _is_shipped(arm: Arm) -> bool:
     return arm.name in arm_names() and arm_text(arm) == arm_text(load_arm(arm.name))
 
 
-def _claim_folder(folder: Path, truth: Path | None, files: Sequence[str]) -> None:
-    """Make sure that a campaign may be written, and take a former description away."""
+def _check_folder(folder: Path, truth: Path | None, files: Sequence[str]) -> None:
+    """Make sure that a campaign may be written."""
     if truth is not None and truth.resolve().is_relative_to(folder.resolve()):
         raise SimulationError(
             "the truth must not lie in the campaign's folder",
@@ -206,16 +210,18 @@ def _claim_folder(folder: Path, truth: Path | None, files: Sequence[str]) -> Non
             allowed=f"a new folder, or one with {', '.join(sorted(own))} only",
             remedy="name another folder or move the files away",
         )
-    (folder / DESCRIPTION_FILE).unlink(missing_ok=True)
 
 
 def _as_text(column: pd.Series[Any], decimals: Mapping[str, int]) -> list[str]:
+    """Return the cells of a column; nan is empty, and a float without decimals written in full."""
     places = next(
         (count for end, count in decimals.items() if str(column.name).endswith(end)), None
     )
     if places is not None:
-        form = f"%.{places}f"  # + 0.0: no minus zero
-        return ["" if value != value else form % value for value in (column + 0.0).tolist()]
+        form, minus_zero = f"%.{places}f", f"-{0.0:.{places}f}"
+        texts = ["" if value != value else form % value for value in column.tolist()]
+        return [text.removeprefix("-") if text == minus_zero else text for text in texts]
     if column.dtype.kind == "f":  # a load, whole newtons as a rule
-        return [f"{value:g}" for value in column.tolist()]
-    return [str(value) for value in column.tolist()]
+        texts = [repr(value + 0.0).removesuffix(".0") for value in column.tolist()]
+        return ["" if text == "nan" else text for text in texts]
+    return ["" if value != value else str(value) for value in column.tolist()]

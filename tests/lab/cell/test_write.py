@@ -12,12 +12,12 @@ import yaml
 
 from made_up_robot import logged_q, seen_m, seen_p, seen_T, track
 from pa10cal.campaign.read import read_campaign
-from pa10cal.errors import SimulationError
+from pa10cal.errors import OutputError, SimulationError
 from pa10cal.files.arms import arm_names, load_arm
 from pa10cal_curve.angles import chain_arm
 from pa10cal_lab.cell.campaign import simulate_campaign
 from pa10cal_lab.cell.options import HiddenEffectOptions, SimulateOptions, TrackerOptions
-from pa10cal_lab.cell.write import write_campaign
+from pa10cal_lab.cell.write import write_campaign, write_table
 
 
 @pytest.fixture(scope="module")
@@ -140,6 +140,29 @@ def test_refuses_the_truth_through_a_link_into_the_folder(campaign, tmp_path):
     (tmp_path / "link").symlink_to(tmp_path / "raw")
     with pytest.raises(SimulationError, match="must not lie"):
         write_campaign(campaign, tmp_path / "raw", tmp_path / "link/truth.json")
+
+
+def test_a_truth_that_is_a_folder_leaves_a_former_campaign_whole(campaign, written):
+    folder = written / "raw/secret"
+    with pytest.raises(OutputError):
+        write_campaign(campaign, folder, written)
+    assert (folder / "campaign.yaml").exists()
+
+
+def test_numbers_are_written_in_full_and_unknown_ones_empty(tmp_path):
+    columns = {
+        "load_N": [1234.5678, 1234567.8, 44.0, np.nan],
+        "x_mm": [-0.00001, 1.0, np.nan, -0.25],
+        "pose": ["P1", "P2", np.nan, "nan"],
+    }
+    write_table(pd.DataFrame(columns), tmp_path / "t.csv", {"_mm": 3})
+    assert (tmp_path / "t.csv").read_text().splitlines() == [
+        "load_N,x_mm,pose",
+        "1234.5678,0.000,P1",
+        "1234567.8,1.000,P2",
+        "44,,",
+        ",-0.250,nan",
+    ]
 
 
 def test_refuses_a_folder_that_holds_something_else(campaign, tmp_path):
