@@ -44,6 +44,12 @@ class TestJointErrorMaps:
         assert np.isnan(values(first.figure.data[1])).all()
         assert "0 % of the turn measured" in first.caption
 
+    def test_a_band_wider_than_the_map_is_within_the_axis(self, learnt):
+        verdict = learnt.verdict.model_copy(update={"angles_seen": None})
+        for drawing in joint_map_drawings(verdict):
+            band = values(drawing.figure.data[0])
+            assert np.nanmax(np.abs(band)) < drawing.figure.layout.yaxis.range[1]
+
     def test_a_map_judged_by_repeats_is_drawn_without_angles_seen(self, learnt):
         verdict = learnt.verdict.model_copy(update={"angles_seen": None})
         drawing = next(joint_map_drawings(verdict))
@@ -62,7 +68,9 @@ def test_campaigns_of_a_group_are_drawn_about_their_mean_where_they_have_poses(l
         name: JointErrorAlone(visited=there, error_mrad=np.full(360, 0.1 * k) + (angle > 150))
         for k, (name, there) in enumerate(visited.items())
     }
-    agree = CampaignsAgree.model_construct(correlation=0.9, correlation95=(0.8, 0.95))
+    agree = CampaignsAgree.model_construct(
+        first="a", second="b", correlation=0.9, correlation95=(0.8, 0.95), share_of_turn=0.28
+    )
     by_campaign = EffectByCampaign.model_construct(
         id="joint_error_map", of="joint 3", errors=errors, agreement=(agree,)
     )
@@ -73,6 +81,32 @@ def test_campaigns_of_a_group_are_drawn_about_their_mean_where_they_have_poses(l
     for shown, there in ((a, visited["a"]), (b, visited["b"])):
         np.testing.assert_array_equal(np.isfinite(shown), there)
     np.testing.assert_allclose(a[100:200], b[100:200], atol=1e-3)
+    assert drawing.title == "Joint error map at joint 3, campaign by campaign"
+
+
+def test_campaigns_that_are_not_compared_say_why_and_each_pair_whose_it_is(learnt):
+    never = np.zeros(360, dtype=bool)
+    errors = {k: JointErrorAlone(visited=never, error_mrad=np.ones(360)) for k in "abc"}
+    known, unknown = {"correlation": 0.9, "correlation95": (0.8, 0.95)}, {"correlation": None}
+    pairs = (("a", "b", known, 1.0), ("a", "c", unknown, 1.0), ("b", "c", unknown, 0.0))
+    agreement = tuple(
+        CampaignsAgree.model_construct(first=first, second=second, share_of_turn=share, **r)
+        for first, second, r, share in pairs
+    )
+    by_campaign = tuple(
+        EffectByCampaign.model_construct(
+            id="joint_error_map", of=of, errors=errors, agreement=agreement
+        )
+        for of in ("joint 10", "joint 2")
+    )
+    verdict = learnt.verdict.model_copy(update={"by_campaign": by_campaign})
+    second, tenth = campaigns_drawings(verdict)
+    assert [second.id[-7:], tenth.id[-8:]] == ["joint-2", "joint-10"]
+    assert second.caption == (
+        "Agreement: a and b r 0.90 (0.80 to 0.95), a and c r not known, 100 % of the turn seen by "
+        "both, b and c seen at other angles."
+    )
+    assert second.figure.layout.yaxis.range == (-1.0, 1.0)
 
 
 def test_the_map_of_a_plane_shows_every_point_in_colours_of_all_planes(results):

@@ -423,6 +423,14 @@ def test_held_out_errors_are_drawn_as_shares_of_the_poses(copied):
     assert beyond.line.dash == "dot"
     assert beyond.name == f"calibrated, extrapolated ({rows.extrapolated.sum()})"
     assert drawing.figure.layout.xaxis.title.text == "position error [mm]"
+    assert "Dotted" in drawing.caption
+    for beyond in (True, False):
+        rows = rows.model_copy(update={"extrapolated": np.full(len(rows), beyond)})
+        model = found.held_out.models["linear"].model_copy(update={"rows": rows})
+        of_one_kind = found.held_out.model_copy(update={"models": {"linear": model}})
+        drawing = shares_drawing(of_one_kind, {"linear": "calibrated"}, "mm")
+        assert drawing.figure.data[0].line.dash == ("dot" if beyond else "dashdot")
+        assert ("Dotted" in drawing.caption) == beyond
 
 
 def test_parameters_that_had_absorbed_effects_are_listed(copied, page):

@@ -10,13 +10,14 @@ import numpy as np
 from pa10cal.arrays import Array, Mask
 from pa10cal.reports import theme
 from pa10cal.reports.blocks import Drawing
-from pa10cal.reports.formatting import sentence
-from pa10cal.results.calibration import EffectByCampaign, PosesNeeded
+from pa10cal.reports.formatting import named, sentence
+from pa10cal.results.calibration import CampaignsAgree, EffectByCampaign, PosesNeeded
 from pa10cal.results.discovery import VerdictRecord
 from pa10cal.results.evaluation import EffectParameter, HoldoutRecord
 from pa10cal.results.montecarlo import PlaneRecord
 from pa10cal.results.number_text import HALF_WIDTH_95
 from pa10cal.results.outcomes import FleetCampaign
+from pa10cal.results.record import EffectName
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -32,7 +33,10 @@ def _short(values: Iterable[float]) -> list[float | None]:
 
 
 def _add_line(figure: Any, x: Any, y: Iterable[float], name: str, hover: str, **look: Any) -> None:
-    """Add a line; `hover` is the text shown at a point, `look` plotly's `line`."""
+    """Add a line; `hover` is the text shown at a point, `look` plotly's `line`.
+
+    Where x is None it is 0, 1, 2, …
+    """
     hover = f"{hover}<extra></extra>"
     figure.add_scatter(x=x, y=_short(y), name=name, mode="lines", line=look, hovertemplate=hover)
 
@@ -62,7 +66,7 @@ _DASHES = {"uncalibrated": "solid", "geometry": "dash", "linear": "dashdot"}
 
 
 def shares_drawing(held_out: HoldoutRecord, titles: Mapping[str, str], unit: str) -> Drawing | None:
-    """Return the share of held-out poses with a smaller error, by error, under each model.
+    """Return the share of held-out configurations with a smaller error, under each model.
 
     None where the instrument measures no orientation and those are asked for.
 
@@ -75,8 +79,9 @@ def shares_drawing(held_out: HoldoutRecord, titles: Mapping[str, str], unit: str
     figure = theme.new_figure(
         360,
         _axis(f"{what} error [{unit}]", type="log", dtick=1),
-        _axis("share of the poses [%]", range=[0, 102]),
+        _axis("share of the configurations [%]", range=[0, 102]),
     )
+    dotted = False
     for name, title in titles.items():
         rows = held_out.models[name].rows
         errors = rows.error_mm
@@ -85,9 +90,10 @@ def shares_drawing(held_out: HoldoutRecord, titles: Mapping[str, str], unit: str
                 return None
             errors = np.linalg.norm(rows.rotation_deg, axis=1)
         extrapolated = rows.extrapolated
-        if extrapolated is None or not extrapolated.any() or extrapolated.all():
-            extrapolated = np.zeros(len(rows), dtype=bool)  # they are not drawn apart
-        for apart in (False, True) if extrapolated.any() else (False,):
+        if extrapolated is None:
+            extrapolated = np.zeros(len(rows), dtype=bool)
+        for apart in np.unique(extrapolated).tolist():
+            dotted |= apart
             ordered = np.sort(errors[extrapolated == apart])
             count = len(ordered)
             rank = np.unique(np.linspace(1, count, min(count, _MOST_STEPS)).round().astype(int))
@@ -103,8 +109,8 @@ def shares_drawing(held_out: HoldoutRecord, titles: Mapping[str, str], unit: str
     return Drawing(
         figure,
         f"Distribution of the {what} errors of held-out poses",
-        "For each model, the share of the held-out poses with a smaller error; in brackets how "
-        "many poses. Dotted: poses beyond the joint angles of the fit.",
+        "For each model, the share of the held-out configurations with a smaller error; in "
+        f"brackets how many.{' Dotted: those beyond the joint angles of the fit.' * dotted}",
         f"shares-{what}",
     )
 
@@ -233,25 +239,39 @@ def joint_map_drawings(verdict: VerdictRecord) -> Iterator[Drawing]:
         for effect in verdict.effects
         if (knots := effect.knots)
     }
-    largest = max((float(np.abs(of.error_mrad).max()) for of in maps.values()), default=1.0)
+    unseen = {joint: _unseen(joint, joint_map, verdict) for joint, joint_map in maps.items()}
+    # Where nothing was fitted a band may be many times the map: it is not all shown there.
+    largest = [
+        np.abs(of.error_mrad) + np.where(unseen[joint], 0.0, of.half_width_mrad)
+        for joint, of in maps.items()
+    ]
+    limit_mrad = 1.1 * float(np.max(largest)) if largest else 1.0
     for joint, joint_map in sorted(maps.items()):
-        unseen = np.zeros(len(joint_map.angle_deg), dtype=bool)
-        if verdict.angles_seen is not None:
-            low, high = np.degrees(verdict.angles_seen[joint - 1].stretches).T[:, None]
-            angle = joint_map.angle_deg[:, None]
-            unseen = ~((angle >= low) & (angle <= high)).any(axis=1)
-        yield _joint_map_drawing(joint, joint_map, unseen, 1.1 * largest)
+        yield _joint_map_drawing(joint, joint_map, unseen[joint], limit_mrad)
 
 
-def _joint_map_drawing(joint: int, of: _JointMap, unseen: Mask, limit_mrad: float) -> Drawing:
+def _unseen(joint: int, joint_map: _JointMap, verdict: VerdictRecord) -> Mask:
+    """Return at which angles (P,) of a map the poses fitted have not seen its joint."""
+    if verdict.angles_seen is None:
+        return np.zeros(len(joint_map.angle_deg), dtype=bool)
+    # each (1, stretches), beside angles (P, 1)
+    low, high = np.degrees(verdict.angles_seen[joint - 1].stretches).T[:, None]
+    angle = joint_map.angle_deg[:, None]
+    return np.asarray(~((angle >= low) & (angle <= high)).any(axis=1))
+
+
+def _joint_map_drawing(
+    joint: int, joint_map: _JointMap, unseen: Mask, limit_mrad: float
+) -> Drawing:
     """Return the map of a joint, dotted and shaded at the angles (P,) that the fit has not seen."""
-    angle, error = of.angle_deg, of.error_mrad
+    angle, error = joint_map.angle_deg, joint_map.error_mrad
     figure = _turn_figure(limit_mrad)
+    # first angle of every stretch that was not seen, and the first after it
     changes = np.flatnonzero(np.diff(unseen, prepend=False, append=False))
     for begin, end in changes.reshape(-1, 2):
         x0, x1 = float(angle[begin]), float(angle[end - 1])
         figure.add_vrect(x0=x0, x1=x1, fillcolor=theme.GREY, opacity=0.25, line_width=0)
-    _add_band(figure, angle, error, of.half_width_mrad, theme.SKY, 0.45)
+    _add_band(figure, angle, error, joint_map.half_width_mrad, theme.SKY, 0.45)
     for name, hidden, dash in (("map", unseen, "solid"), ("extrapolated", ~unseen, "dot")):
         shown, hover = np.where(hidden, np.nan, error), "%{x:.0f}°: %{y:.3f} mrad"
         _add_line(figure, angle, shown, name, hover, color=theme.AFTER, dash=dash, width=2)
@@ -262,41 +282,51 @@ def _joint_map_drawing(joint: int, of: _JointMap, unseen: Mask, limit_mrad: floa
         f"Joint {joint}: error over its angle",
         f"Rms {rms:.3f} mrad ({_ARC_SECONDS_PER_MRAD * rms:.1f} arc seconds) over the {over}; "
         f"{100.0 * np.mean(~unseen):.0f} % of the turn measured; knots "
-        f"{360.0 / of.knot_count:.3g}° apart.",
+        f"{360.0 / joint_map.knot_count:.3g}° apart.",
         f"joint-error-{joint}",
     )
 
 
 def campaigns_drawings(verdict: VerdictRecord) -> Iterator[Drawing]:
     """Yield every joint's error by its angle, the campaigns of a group on top of each other."""
-    by_joint = sorted((e for e in verdict.by_campaign or () if e.errors), key=lambda e: e.of)
+    maps = [effect for effect in verdict.by_campaign or () if effect.errors]
+    by_joint = sorted(maps, key=lambda effect: (int(effect.of.removeprefix("joint ")), effect.id))
     names = dict.fromkeys(name for effect in by_joint for name in effect.errors or ())
     looks = dict(zip(names, _LOOKS_OF_CAMPAIGNS, strict=False))
     found = {(effect.id, effect.of): effect for effect in verdict.effects}
     errors_by_joint = [_errors_about_mean(effect) for effect in by_joint]
     every = [error for errors in errors_by_joint for error in errors.values()]
-    limit_mrad = 1.05 * float(np.nanmax(np.abs(every))) if every else 1.0
+    limit_mrad = 1.05 * float(np.abs(np.nan_to_num(every)).max(initial=0.0)) or 1.0
     for effect, errors in zip(by_joint, errors_by_joint, strict=True):
         figure = _turn_figure(limit_mrad)
         for name, error in errors.items():
             color, dash = looks.get(name, (theme.GREY, "dot"))
             hover = f"{name} at %{{x:.0f}}°: %{{y:.3f}} mrad"
             _add_line(figure, None, error, name, hover, color=color, dash=dash, width=1.5)
-        agreement = [
-            f"r {pair.correlation:.2f} ({pair.correlation95[0]:.2f} to {pair.correlation95[1]:.2f})"
-            for pair in effect.agreement
-            if pair.correlation is not None and pair.correlation95 is not None
-        ]
+        caption = sentence(f"Agreement: {', '.join(_agreement(effect.agreement))}")
         witness = getattr(found.get((effect.id, effect.of)), "witness", None)
         if witness is not None and witness.ripple is not None:
             low, high = witness.ripple.interval95
-            agreement.append(f"α {witness.ripple.alpha:.2f} ({low:.2f} to {high:.2f})")
+            caption += f" Motor's share: α {witness.ripple.alpha:.2f} ({low:.2f} to {high:.2f})."
         yield Drawing(
             figure,
-            f"{effect.of.capitalize()}: error over its angle, campaign by campaign",
-            f"Agreement: {', '.join(agreement) or 'seen by the campaigns at other angles'}.",
+            f"{named(EffectName(id=effect.id, of=effect.of)).capitalize()}, campaign by campaign",
+            caption,
             f"campaigns-{effect.id}-{effect.of}".replace(" ", "-").replace("_", "-"),
         )
+
+
+def _agreement(pairs: Sequence[CampaignsAgree]) -> Iterator[str]:
+    """Yield how well campaigns agree, pair by pair; with their names where there are several."""
+    for pair in pairs:
+        of = f"{pair.first} and {pair.second} " if len(pairs) > 1 else ""
+        if pair.correlation is not None and pair.correlation95 is not None:
+            low, high = pair.correlation95
+            yield f"{of}r {pair.correlation:.2f} ({low:.2f} to {high:.2f})"
+        elif pair.share_of_turn > 0.0:
+            yield f"{of}r not known, {100.0 * pair.share_of_turn:.0f} % of the turn seen by both"
+        else:
+            yield f"{of}seen at other angles"
 
 
 def _errors_about_mean(effect: EffectByCampaign) -> dict[str, Array]:
