@@ -446,8 +446,7 @@ class Rows:
     # largest part of the squared error that the other load leaves (trials)
     load_left_share: float = 0.25
     most_slips_share: float = 0.1  # largest share of readings with an exchanged load (trials)
-    # largest of poses with one; where both are larger, a load or torque is wrong instead (size)
-    most_slipped_poses: float = 0.25
+    most_slipped_poses: float = 0.25  # and of poses; above both a load or torque is wrong (size)
 
 
 @dataclass(frozen=True)
