@@ -115,6 +115,17 @@ def test_a_spring_that_poses_do_not_identify_decides_no_grade(campaign, monkeypa
     assert model.grade == "good", model.fitted_to.health
 
 
+def test_uncertain_joints_move_an_arm_whose_weights_nobody_stated(campaign):
+    """How far they move it is told of poses with the torques of the weights that were fitted."""
+    found = campaign(poses=60, departs="rows", flexible_joints=(2, 3), hardening=False)
+    bare = replace(found.arm, mass_kg=None, com_m=None)
+    arm = weighed_arm(bare, found.observations, found.description.payload)
+    log = found.observations.log
+    log = replace(log, q_u_rounded=np.full_like(log.q_u, 1e-6))
+    every = replace(found.observations, log=log)
+    assert pa10cal.calibrate(replace(found, arm=arm, observations=every)).grade == "good"
+
+
 def test_a_length_that_is_known_well_beside_open_weights_decides_no_grade(campaign, monkeypatch):
     """Directions of weights that nobody stated hold a little of a length that poses show well."""
     found = campaign(poses=60, departs="rows", flexible_joints=(2, 3), hardening=False)

@@ -247,7 +247,7 @@ class _FittedCase:
             held_out=self.held_out_errors(),
             noise_mm=self.noise_mm,
             discrepancy_mm=lacking_mm(model.discrepancy, used.states.q_rad),
-            joints_mm=by_uncertain_joints_mm(model.model, model.x, used),
+            joints_mm=by_uncertain_joints_mm(model.model, model.x, self.grid.take(self.rows)),
             spread_mm=used.measured.spread_mm,
             suspected_outliers=len(self.outliers),
             rigid_outliers=sum(RIGID in outlier.why for outlier in self.outliers),
