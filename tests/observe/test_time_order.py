@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -354,6 +355,19 @@ def test_a_sweep_of_one_joint_is_an_order_of_measurement():
     q[:, 0], q[:, 2] = np.sin(q[:, 1]), np.cos(2.0 * q[:, 1])  # along a path
     assert sorted_rows(untimed(q).states) is None
     assert with_arrivals(untimed(q))[1]
+
+
+@pytest.mark.parametrize("seed", [3, 5, 6, 10])
+def test_a_path_through_places_drawn_at_random_is_an_order_of_measurement(seed):
+    """Some joint goes one way for three stretches while most others go to and fro by them."""
+    rng, step = np.random.default_rng(seed), np.linspace(0.0, 1.0, 10)[:-1, None]
+    places = rng.uniform(-1.0, 1.0, (30, 6))
+    ways = [a + (b - a) * step**2 * (3.0 - 2.0 * step) for a, b in pairwise(places)]
+    q = np.concatenate(ways)
+    assert sorted_rows(untimed(q).states) is None
+    assert with_arrivals(untimed(q))[1]
+    table = q[np.argsort(q[:, 0])]
+    assert str(sorted_rows(untimed(table).states)).endswith("are sorted by joint 1, as a table is")
 
 
 def many_arrivals(*, wrong):

@@ -127,12 +127,12 @@ def sorted_rows(states: PoseStates) -> SortedRows | None:
     """Return the longest run of rows, in order of time, that a joint sorts; None if none is long.
 
     In a run that counts, a joint rises or falls in every row while most others jump to and fro: an
-    arm that is swept along one joint, or along a path, moves its others little or not at all.
+    arm that is swept along one joint, or along a path, moves its others little, not at all, or on
+    in the same direction from most rows to the next.
     """
     order = np.argsort(states.time_s, kind="stable")
     q_rad = states.q_rad[order]
-    moves = np.ptp(np.stack([q_rad[1:], q_rad[:-1]]), axis=0) > ORDER.stood_still
-    at = np.concatenate([[0], 1 + np.flatnonzero(moves.any(axis=1))])  # once of those that repeat
+    at = _stands(q_rad)
     if len(at) < ORDER.sorted_rows:
         return None
     q_rad = q_rad[at]
@@ -215,11 +215,22 @@ def slow_joints(states: PoseStates) -> Mask:
     return np.asarray(small & (np.mean(steps, axis=0) < spread))
 
 
+def _stands(q_rad: Array) -> Index:
+    """Return the first row of each stand: of rows (P, n) in order of time that repeat, one."""
+    moves = np.abs(np.diff(q_rad, axis=0)).max(axis=1) > ORDER.stood_still
+    return np.concatenate([[0], 1 + np.flatnonzero(moves)])
+
+
 def _mostly_jump(q_rad: Array) -> bool:
-    """Return whether most joints jump from row to row of positions (P, n), as far as they move."""
-    steps = np.median(np.abs(np.diff(q_rad, axis=0)), axis=0)
+    """Return whether most joints jump to and fro from row to row of positions (P, n).
+
+    Of rows drawn at random, a move and the next correlate by -1/2; along a path they are alike.
+    """
+    moves = np.diff(q_rad, axis=0)
+    steps = np.median(np.abs(moves), axis=0)
     spread = np.mean(np.abs(q_rad - np.mean(q_rad, axis=0)), axis=0)
-    jumps = (steps > ORDER.stood_still) & (steps >= ORDER.small_moves * spread)
+    to_and_fro = np.sum(moves[1:] * moves[:-1], axis=0) < 0.0
+    jumps = (steps > ORDER.stood_still) & (steps >= ORDER.small_moves * spread) & to_and_fro
     return 2 * int(jumps.sum()) > len(jumps)
 
 
