@@ -114,6 +114,19 @@ def test_a_rail_that_goes_once_from_one_station_to_the_other_is_followed(random_
     assert not slow_joints(every.states).any()
 
 
+def test_readings_repeated_at_each_pose_make_no_joint_slow(random_order):
+    rows = np.repeat(np.arange(ROWS), 3)
+    states = random_order.states.take(rows)
+    states = replace(states, time_s=np.arange(3.0 * ROWS))
+    assert not slow_joints(states).any()
+    q = states.q_rad.copy()
+    q[:, 1] = np.sin(1e-2 * rows)
+    assert slow_joints(replace(states, q_rad=q)).tolist() == [False, True, False, False]
+    # An arm that creeps stands nowhere.
+    q = np.linspace(0.0, 1e-3, 3 * ROWS)[:, None] * np.ones(JOINTS)
+    assert slow_joints(replace(states, q_rad=q)).all()
+
+
 def test_a_few_rows_at_another_station_are_no_order(random_order):
     q = random_order.states.q_rad.copy()
     q[:, 0] = np.arange(ROWS) >= ROWS - 10

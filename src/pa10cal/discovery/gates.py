@@ -16,6 +16,7 @@ from pa10cal.calibration.grade_evidence import most_stated
 from pa10cal.calibration.rules import GRADES
 from pa10cal.discovery.field import with_field
 from pa10cal.discovery.finding import Finding, Rival, is_named, name_of
+from pa10cal.discovery.in_time import grows_instead
 from pa10cal.discovery.no_harm import harmed, harmless, worse_than
 from pa10cal.discovery.position_errors import mean_noise_error_mm
 from pa10cal.discovery.preparation import Prepared
@@ -43,7 +44,7 @@ from pa10cal.terms.effects.arrivals import ArrivalError
 from pa10cal.terms.effects.effect import Effect, turning_joints
 from pa10cal.terms.effects.joint import Backlash, GearRatioError
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
-from pa10cal.terms.effects.over_time import BaseDrift
+from pa10cal.terms.effects.over_time import BaseDrift, ThermalGrowth
 from pa10cal.terms.effects.readings import Scale
 from pa10cal.terms.effects.slide import SlideScale
 from pa10cal.terms.weights import holds_weights
@@ -158,6 +159,7 @@ def _reasons_against(found: Verdict[S], finding: Finding) -> tuple[str, ...]:
         *by_fit,
         *confounded_with_order(finding, found.prepared),
         *drift_of_single_targets(finding.effect, found.model, found.prepared.trusted),
+        *drift_of_a_growing_arm(finding.effect, found),
     )
 
 
@@ -255,6 +257,18 @@ def drift_of_single_targets(
         yield (
             f"readings of single targets wander in time by {found.rms_mm:.2g} mm, each by itself, "
             "as much as it moves all of them together"
+        )
+
+
+def drift_of_a_growing_arm(effect: Effect, found: Verdict[S]) -> Iterator[str]:
+    """Yield why a drift cannot be named: an arm that grows fits as well, no temperature known."""
+    if effect.id != BaseDrift.id or effect not in found.model.model.terms:
+        return
+    growths = ThermalGrowth.everywhere(found.context)
+    if any(grows_instead(effect, each, found.model, found.prepared.trusted) for each in growths):
+        yield (
+            "an arm that grows as it warms up explains as much or more, and no temperature was "
+            "logged; log it"
         )
 
 

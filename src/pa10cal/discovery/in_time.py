@@ -31,7 +31,7 @@ from pa10cal.discovery.nuisances import (
 from pa10cal.discovery.position_errors import position_error_mm, position_noise_m2
 from pa10cal.discovery.preparation import why_unknown
 from pa10cal.discovery.rules import CANDIDATES, MOTION
-from pa10cal.discovery.target_wander import target_wander
+from pa10cal.discovery.target_wander import rows_in_time, target_wander
 from pa10cal.discovery.tuning import none_and_spaced
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.numerics.gaussian import Gaussian, Gaussians
@@ -48,6 +48,7 @@ from pa10cal.observe.time_order import (
 )
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import is_error_map
+from pa10cal.terms.effects.over_time import ThermalGrowth
 
 #: Expected root mean squares of the walk that are tried [m].
 _WALKS_M = np.geomspace(*MOTION.walks_m)
@@ -459,6 +460,43 @@ def _motions_by(rivals: tuple[Threshold, ...], at: FittedModel, poses: Observati
     every = np.column_stack(courses)
     sizes = np.tile(sizes_of_motions(MOTION.rival_m, 1.0), every.shape[1])
     return motions_along(jacobians.by_base(at, poses), every - np.mean(every, axis=0)) * sizes
+
+
+def grows_instead(
+    drift: Effect, growth: ThermalGrowth, model: FittedModel, poses: Observations
+) -> bool:
+    """Return whether an arm that grows steadily in time leaves no more than a drift of the base.
+
+    Never where temperatures were logged: then growth is sought itself. Of squared errors over the
+    stated noise, beside all else in the model, whose parameters are fitted again.
+
+    Args:
+        drift: a term of the model.
+        growth: of the arm, in proportion to a temperature that rises by one kelvin an hour here.
+        model: the model with the drift.
+        poses: P complete single readings.
+    """
+    if np.isfinite(poses.states.temperature_C).any():
+        return False
+    poses = poses.take(spread_over_time(poses, MOTION.most_readings))
+    others = [term for term in model.model.terms if term != drift]
+    at = replace(model, covariance=None).only(*others)
+    rows = rows_in_time(at, poses, at.compared(poses).residual)
+    states = rows.poses.states
+    hours = (states.time_s - states.time_s.min()) / 3600.0
+    temperature_C = growth.reference_temperature_C + hours
+    warming = rows.poses.with_states(replace(states, temperature_C=temperature_C))
+    whitener = rows.whitener
+    own = jacobians.by_scaled_terms(at, rows.poses, others, whitener)
+    own = [*own, whitener @ jacobians.by_base(at, rows.poses), rows.by_targets]
+
+    def left_by(effect: Effect) -> float:
+        added = jacobians.by_scaled_effects(at, warming, [effect], [effect.starts[0]], whitener)
+        columns = np.concatenate([*own, *added], axis=2).reshape(rows.data.size, -1)
+        data = rows.data.ravel()
+        return float(np.sum((data - columns @ np.linalg.lstsq(columns, data)[0]) ** 2))
+
+    return left_by(growth) <= left_by(drift)
 
 
 # Columns of all that depends on the pose, beside which something is sought in time.

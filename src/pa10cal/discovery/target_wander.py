@@ -62,7 +62,7 @@ def target_wander(at: FittedModel, poses: Observations, residual: Array) -> Targ
     most_lag = len(poses) // (2 * BLOCKS.drift_waves)  # a quarter of the fastest wave
     if not (most_lag and poses.states.tells_time) or poses.states.campaign is not None:
         return None
-    rows = _rows_in_time(at, poses, residual)
+    rows = rows_in_time(at, poses, residual)
     rigid, rest = _projectors(rows)
     if not rest.any():
         return None
@@ -97,7 +97,7 @@ def wander_instead_of(
     return target_wander(at, poses, residual - by_drift)
 
 
-def _rows_in_time(at: FittedModel, poses: Observations, residual: Array) -> WhitenedPoses:
+def rows_in_time(at: FittedModel, poses: Observations, residual: Array) -> WhitenedPoses:
     """Return poses in order of time, over the uncertainty stated of each component by itself.
 
     Weights by the scatter of the residuals would hide a common motion: joints that scatter move all

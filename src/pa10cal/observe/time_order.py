@@ -205,8 +205,14 @@ def _correlation(a: Array, b: Array) -> float:
 
 
 def slow_joints(states: PoseStates) -> Mask:
-    """Return which joints move little from one pose to the next, (n,)."""
+    """Return which joints move little from one pose to the next, (n,).
+
+    Readings repeated while the arm stood still count once, unless it hardly moved in any row.
+    """
     q_rad = states.q_rad[np.lexsort((states.time_s, campaign_numbers(states)))]
+    at = _stands(q_rad)
+    if len(at) >= ORDER.least_rows:
+        q_rad = q_rad[at]
     steps = np.abs(np.diff(q_rad, axis=0))
     # The mean: the median is zero for a rail that stands at one of two stations mostly.
     spread = np.mean(np.abs(q_rad - np.mean(q_rad, axis=0)), axis=0)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from made_up_model import fitted, postures
+from made_up_poses import context_of
 from made_up_survey import POSITION_M, observe
 from pa10cal.arm.statics import PoseStates
 from pa10cal.discovery.blocked_cv import outcome
@@ -15,6 +16,8 @@ from pa10cal.discovery.blocked_cv.interleaved_check import (
     slow_drift,
     steady_courses,
 )
+from pa10cal.discovery.in_time import grows_instead
+from pa10cal.discovery.jacobians import by_base, by_terms
 from pa10cal.discovery.preparation import Prepared
 from pa10cal.discovery.target_wander import TargetWander, in_words, target_wander, wander_instead_of
 from pa10cal.fit.model_reading import model_from_plain
@@ -22,7 +25,7 @@ from pa10cal.fit.model_writing import model_to_plain
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.points import Points
 from pa10cal.options import Tolerances
-from pa10cal.terms.effects.over_time import BaseDrift
+from pa10cal.terms.effects.over_time import BaseDrift, ThermalGrowth
 from pa10cal.terms.offsets import link_departures
 
 POSES = 400
@@ -264,6 +267,25 @@ def test_a_drift_that_single_targets_wander_by_is_not_named(single, named):
     x[at.model.columns_of(drift)] = 2e-4 * np.array([1.0, 0.5, -0.3])  # [m/h], in 1.1 h
     at = replace(at, x=x)
     assert (wander_instead_of(drift, at, poses, residual) is None) == named
+
+
+@pytest.mark.parametrize("grows", [True, False])
+def test_a_drift_in_whose_place_the_arm_grew_is_not_named(grows):
+    """Where the temperature was not logged, and the arm grows in proportion to time."""
+    drift = BaseDrift("base", 0.0)
+    at, poses, residual = wandering(drift=(drift,))
+    (growth,) = ThermalGrowth.everywhere(context_of(at.model.chain.arm))
+    hours = poses.states.time_s / 3600.0
+    warm = replace(poses.states, temperature_C=growth.reference_temperature_C + 10.0 * hours)
+    moved = by_terms(at, poses.with_states(warm), [growth], [np.zeros(1)])[0][:, :, 0] * 2e-5
+    if not grows:
+        moved = by_base(at, poses)[:, :, :3] @ [2e-4, 1e-4, -5e-5] * hours[:, None]
+    unlogged = replace(poses.states, temperature_C=np.full(len(poses), np.nan))
+    T_instr_ee = at.T_instr_base @ at.model.predict_with_jacobian(poses.states, at.x).T_base_ee
+    predicted_m = poses.measured.ideal(T_instr_ee, at.targets_m).p_instr_m
+    poses = poses.with_measured(p_instr_m=predicted_m + (moved - residual).reshape(-1, 3, 3))
+    assert grows_instead(drift, growth, at, poses.with_states(unlogged)) == grows
+    assert not grows_instead(drift, growth, at, poses)
 
 
 @pytest.mark.slow
