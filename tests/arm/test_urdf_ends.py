@@ -1,5 +1,7 @@
 """Which chain of a URDF is the arm, where nobody names its ends."""
 
+import time
+
 import pytest
 
 from pa10cal.arm.urdf_ends import ends_of_arm
@@ -74,6 +76,22 @@ SLIDES = ["stand=carriage", "carriage~a1", "a1~a2", "a2=quill", "quill>ee_link"]
         ([*chain("base", *"123456"), *chain("6", "thumb_hand", "t"), "6~f_hand"], ("base", "6")),
         ([*chain("base", *"123456"), "6~linkGripper"], ("base", "6")),
         ([*chain("base", *"123456"), "6=l", "6=r"], ("base", "6")),
+        (
+            [*chain("base", *"123456"), *chain("6", "thumb1", "t2", "t3", "t4"), "6~index1"],
+            ("base", "6"),
+        ),
+        ([*chain("base", *"123456"), "6~ring", "6~middle", "6~thumb"], ("base", "6")),
+        ([*chain("base", *"123456"), "6=suction_cup"], ("base", "6")),
+        # a base that drives, and its arm: more joints than a finger
+        (
+            [
+                *chain("odom", "x", "y", "t"),
+                *chain("t", *"123456"),
+                *chain("t", "h", "i"),
+                *chain("t", "wheel", "roller"),
+            ],
+            ("odom", "6"),
+        ),
         (chain("base", *(f"handling_link{k}" for k in range(1, 7))), ("base", "handling_link6")),
         ([*chain("base", *"1234567"), "4~hand_camera"], ("base", "7")),
         (["foot>Base_Link", "Base_Link>turret", *chain("turret", *"12")], ("Base_Link", "2")),
@@ -110,6 +128,16 @@ def test_the_arm_is_the_long_chain_and_its_ends_are_base_and_flange(joints, ends
         [*chain("palm", "f1", "f2"), *chain("palm", "g1", "g2")],
         ["a>b"],
         ["a~b"],
+        [
+            *chain("base", *"123456"),
+            *chain("6", "a1", "a2", "a3", "a4"),
+            *chain("6", "b1", "b2"),
+            *chain("6", "c1", "c2"),
+        ],
+        [
+            *chain("body", *(f"l{k}" for k in range(6))),
+            *chain("body", *(f"r{k}" for k in range(6)), "finger", "finger_tip"),
+        ],
     ],
     ids=[
         "two arms",
@@ -124,6 +152,8 @@ def test_the_arm_is_the_long_chain_and_its_ends_are_base_and_flange(joints, ends
         "a hand",
         "nothing moves",
         "one joint",
+        "fingers that nobody calls so",
+        "two arms of which one has a gripper",
     ],
 )
 def test_where_no_chain_is_the_arm_its_ends_have_to_be_named(joints):
@@ -171,6 +201,32 @@ def test_the_controllers_base_may_have_a_prefix():
 
 
 @pytest.mark.parametrize(
+    ("beyond", "tip"),
+    [
+        (["6>camera_mount", "camera_mount>camera_flange"], "6"),
+        (["6>gripper_base", "gripper_base>tool0", "6>flange"], "flange"),
+        (["6>other_tool0", "6>tool0"], "tool0"),
+        (["6>robot_flange"], "robot_flange"),
+    ],
+)
+def test_the_tip_is_the_arms_own(beyond, tip):
+    joints = [*chain("base", *"123456"), *beyond]
+    assert ends_of_arm(robot(*joints), "r.urdf") == ("base", tip)
+
+
+def test_chains_end_at_a_floating_joint():
+    free = [*chain("base", *"123"), "base~x", *chain("y", *"abcdef"), "x>y"]
+    text = robot(*free).replace("fixed", "floating")
+    assert ends_of_arm(text, "r.urdf") == ("base", "3")
+
+
+def test_a_chain_of_thousands_of_joints_is_read_at_once():
+    begun_s = time.perf_counter()
+    ends_of_arm(robot(*chain("base", *map(str, range(4900)))), "r.urdf")
+    assert time.perf_counter() - begun_s < 20.0
+
+
+@pytest.mark.parametrize(
     ("text", "why"),
     [
         (robot("a~b"), "only one joint moves (got 'number of joints: 1 from j0_b')"),
@@ -178,6 +234,10 @@ def test_the_controllers_base_may_have_a_prefix():
         (
             robot("world>base", *chain("base", "1", "2", "3")).replace("fixed", "floating"),
             "the arm is beyond a floating joint (got 'joint j0_base')",
+        ),
+        (
+            robot("a~b", "b>base", *chain("base", "1", "2")).replace("fixed", "planar"),
+            "the arm is beyond a planar joint (got 'joint j1_base')",
         ),
     ],
 )

@@ -8,6 +8,8 @@ two are about as long, as of a humanoid, the file is refused.
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 from pa10cal.arm.urdf_reading import read_tree
 from pa10cal.arm.urdf_tree import MOVING, UrdfJoint, UrdfTree
@@ -16,12 +18,17 @@ from pa10cal.errors import ArmError
 #: Where chains branch off, one of fewer joints is a wheel, a head, a camera or a finger; and an
 #: arm has as many joints before its hand.
 _FEWEST_JOINTS = 3
-#: A word of a finger in a name (`left_finger`, `rjaw2`), and one of a hand (`hand_joint`, but not
-#: `handling_link`). The arm ends before a joint of a hand.
-_FINGER = "finger|jaw|knuckle|claw"
-_OF_A_FINGER = re.compile(rf"(?<![a-z])(l|r|left|right)?({_FINGER})s?(?![a-z])")
-_OF_A_HAND = re.compile(rf"(?<![a-z])(l|r|left|right)?({_FINGER}|gripper|hand)s?(?![a-z])")
-#: Types of joints that no serial arm has: they carry a whole robot.
+#: Joints of the longest finger: a thumb, with the joint that turns it against the palm.
+_MOST_OF_A_FINGER = 5
+#: A word of a finger in a name (`left_finger`, `leftfinger`, `rjaw2`), one of a hand (`hand_joint`,
+#: but not `handling_link`), and one that is of a finger where others are beside it (`ring`).
+_FINGER = "finger|jaw|knuckle|claw|thumb|pinky"
+_HAND = f"{_FINGER}|gripper|hand|palm|suction|vacuum|cup"
+_OF_A_FINGER, _OF_A_HAND, _AMONG_FINGERS, _OFF_THE_ARM = (
+    re.compile(rf"(?<![a-z])(l|r|left|right)?({words})s?(?![a-z])")
+    for words in (_FINGER, _HAND, f"{_HAND}|index|middle|ring|little", f"{_HAND}|cam|camera")
+)
+#: Types of joints that end a chain: they carry a whole robot, and no serial arm has them.
 _FREE = ("floating", "planar")
 #: Usual names of the frame at the end of an arm, the controller's own first.
 _TIPS = (
@@ -38,92 +45,116 @@ def ends_of_arm(text: str, where: str) -> tuple[str, str]:
     """Return base and tip of the one arm in a URDF; `where` is its name in messages.
 
     From the root the moving joints are followed. Where several chains of them branch off, the
-    longest is the arm's if it has three joints or more, and two more than any other. The arm ends
-    where a hand begins. The tip is the link that the last joint carries, or one fixed to it that is
-    called tool0, flange or end-effector. The base is a link fixed to the one that carries the first
-    joint: one called `base`, or `left_base` beside `left_base_link`, or else one towards the root
-    with another usual name of a base; the link that carries the first joint where there is none.
+    longest is the arm's if it has three joints or more, and two more than any other; joints of a
+    hand do not count. The arm ends where a hand begins. The tip is the link that the last joint
+    carries, or one fixed to it that is called tool0, flange or end-effector: of several the first
+    with the arm's own prefix, and none of a gripper or camera. The base is a link fixed to the one
+    that carries the first joint: one called `base`, or `left_base` beside `left_base_link`, or else
+    one towards the root with another usual name of a base; the link that carries the first joint
+    where there is none.
 
     Raises:
         ArmError: when there is no such chain, or there are several, or the text is no URDF.
     """
     tree = read_tree(text, where)
-    chain: list[UrdfJoint] = []
-    next_joints = _next_moving(tree, tree.root)
-    while next_joints and not _begins_a_hand(tree, next_joints, chain):
-        lengths = [_chain_length(tree, joint) for joint in next_joints]
-        if len(lengths) > 1 and lengths[0] < max(lengths[1] + 2, _FEWEST_JOINTS):
-            raise _ambiguous(tree, next_joints)
+    next_joints = _first_joints(tree)
+    chain: list[_Moving] = []
+    while next_joints and not (chain and chain[-1].carries_hand):
+        _refuse_unless_one_is_the_arm(tree, next_joints, len(chain))
         chain.append(next_joints[0])
-        next_joints = _next_moving(tree, chain[-1].child)
+        next_joints = chain[-1].next_joints
     if len(chain) < 2:
-        raise _ambiguous(tree, chain)
-    return _base_of(tree, chain[0]), _tip_of(tree, chain[-1])
+        raise _too_few_joints(tree, chain)
+    return _base_of(tree, chain[0].joint), _tip_of(tree, chain[-1].joint)
 
 
-def _begins_a_hand(tree: UrdfTree, next_joints: list[UrdfJoint], arm: list[UrdfJoint]) -> bool:
-    """Return whether the next moving joints belong to a hand, after those of the arm so far."""
-    if len(arm) < _FEWEST_JOINTS:
-        return False
-    if len(next_joints) == 1:
-        return _is_of_a_hand(tree, next_joints[0], before=arm[-1])
-    return _are_called_a_hand(next_joints) or _are_fingers(tree, next_joints)
+# Moving joints, and how long the chains are that begin with them.
 
 
-def _is_of_a_hand(tree: UrdfTree, joint: UrdfJoint, before: UrdfJoint) -> bool:
-    """Return whether a joint with no other beside it is called after a hand or moves a finger.
+@dataclass(frozen=True, eq=False)
+class _Moving:
+    """A moving joint, and the chains of moving joints that begin with it."""
 
-    The last joint of many an arm turns a link called after the hand (`wrist_roll` carries
-    `gripper_link`): of links that turn, only the word of a finger counts. Where two joints or more
-    follow in a single chain, or the joint `before` is called so too, it is an arm called after its
-    hand (`l_hand_4`).
+    joint: UrdfJoint
+    next_joints: tuple[_Moving, ...]  # those that follow it, that of the longest arm first
+    length: int  # joints of the longest chain
+    count: int  # joints of all chains
+    carries_hand: bool  # whether the joints that follow are those of a hand
+    arm_length: int  # joints of the longest chain up to where a hand begins
+
+
+def _first_joints(tree: UrdfTree) -> tuple[_Moving, ...]:
+    """Return the first moving joints beyond the root, that of the longest arm first.
+
+    Chains of equal length are in the order of the file.
     """
-    length = _chain_length(tree, joint)
-    moving_beyond = sum(beyond.kind in MOVING for beyond in tree.below(joint.child))
-    is_long = length > 2 and moving_beyond == length - 1
-    if is_long or _has_word(_OF_A_HAND, before.name):
-        return False
-    of_link = _OF_A_HAND if joint.kind == "prismatic" else _OF_A_FINGER
-    return _has_word(_OF_A_HAND, joint.name) or _has_word(of_link, joint.child)
+    place_in_file = {joint.child: k for k, joint in enumerate(tree.joints)}
+    following: dict[str, list[UrdfJoint]] = {}  # moving joints that follow, by link
+    before = {tree.root: 0}  # moving joints that carry a link, by link
+    links = [tree.root]
+    for link in links:  # each after the one that carries it
+        carried = (joint for fixed in _fixed_beyond(tree, link) for joint in tree.carried_by(fixed))
+        moving = (joint for joint in carried if joint.kind in MOVING)
+        following[link] = sorted(moving, key=lambda joint: place_in_file[joint.child])
+        for joint in following[link]:
+            before[joint.child] = before[link] + 1
+            links.append(joint.child)
+    next_joints: dict[str, tuple[_Moving, ...]] = {}
+    for link in reversed(links):
+        made = [
+            _moving(each, before[each.child], next_joints[each.child]) for each in following[link]
+        ]
+        next_joints[link] = tuple(sorted(made, key=lambda each: -each.arm_length))
+    return next_joints[tree.root]
 
 
-def _are_called_a_hand(next_joints: list[UrdfJoint]) -> bool:
-    """Return whether all joints or their links are called after a hand.
-
-    One of them alone may be a camera called after the hand.
-    """
-    return all(
-        _has_word(_OF_A_HAND, joint.name) or _has_word(_OF_A_HAND, joint.child)
-        for joint in next_joints
+def _moving(joint: UrdfJoint, number: int, next_joints: tuple[_Moving, ...]) -> _Moving:
+    """Return a moving joint with its chains; `number` counts it among those from the root on."""
+    ends = not next_joints or (number >= _FEWEST_JOINTS and _begin_a_hand(joint, next_joints))
+    return _Moving(
+        joint,
+        next_joints,
+        length=1 + max((each.length for each in next_joints), default=0),
+        count=1 + sum(each.count for each in next_joints),
+        carries_hand=ends and bool(next_joints),
+        arm_length=1 if ends else 1 + max(each.arm_length for each in next_joints),
     )
 
 
-def _are_fingers(tree: UrdfTree, next_joints: list[UrdfJoint]) -> bool:
-    """Return whether joints are three short chains or more of one length, or two that slide.
+def _refuse_unless_one_is_the_arm(
+    tree: UrdfTree, next_joints: Sequence[_Moving], before: int
+) -> None:
+    """Refuse joints of which none clearly is the arm's next; `before` is the number of its others.
 
-    Two that turn may be the last joint of the arm and a camera beside it.
+    Raises:
+        ArmError: with the joints that begin the chains.
     """
-    lengths = {_chain_length(tree, joint) for joint in next_joints}
-    all_slide = all(joint.kind == "prismatic" for joint in next_joints)
-    short = len(lengths) == 1 and max(lengths) < _FEWEST_JOINTS
-    return short and len(next_joints) > (1 if all_slide else 2)
+    if len(next_joints) < 2:
+        return
+    lengths = [each.arm_length for each in next_joints]
+    chains = ", ".join(f"{each.arm_length} from {each.joint.name}" for each in next_joints)
+    if lengths[0] < max(lengths[1] + 2, _FEWEST_JOINTS):
+        why = "no chain is longer than all others by two joints"
+        raise _unclear(tree, why, f"number of joints: {chains}")
+    long_ones = sum(length > 1 for length in lengths)
+    if before >= _FEWEST_JOINTS and long_ones > 2 and lengths[0] <= _MOST_OF_A_FINGER:
+        why = "three chains or more branch off as fingers do"
+        raise _unclear(tree, why, f"number of joints: {chains}")
 
 
-def _has_word(word: re.Pattern[str], name: str) -> bool:
-    """Return whether a name has a word; a capital letter begins one."""
-    return word.search(re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name).lower()) is not None
+def _too_few_joints(tree: UrdfTree, chain: Sequence[_Moving]) -> ArmError:
+    """Return the error that fewer than two joints move before the chain ends."""
+    free = next((joint for joint in tree.joints if joint.kind in _FREE), None)
+    if free is not None:
+        return _unclear(tree, f"the arm is beyond a {free.kind} joint", f"joint {free.name}")
+    if chain:
+        value = f"number of joints: 1 from {chain[0].joint.name}"
+        return _unclear(tree, "only one joint moves", value)
+    return _unclear(tree, "nothing moves", "no joint that moves")
 
 
-def _ambiguous(tree: UrdfTree, next_joints: list[UrdfJoint]) -> ArmError:
-    """Return the error that the arm is not clear, with the joints that begin the chains."""
-    chains = ", ".join(f"{_chain_length(tree, joint)} from {joint.name}" for joint in next_joints)
-    why, value = "no chain is longer than all others by two joints", f"number of joints: {chains}"
-    if len(next_joints) == 1:
-        why = "only one joint moves"
-    elif not next_joints:
-        free = [joint for joint in tree.joints if joint.kind in _FREE]
-        why = f"the arm is beyond a {free[0].kind} joint" if free else "nothing moves"
-        value = f"joint {free[0].name}" if free else "no joint that moves"
+def _unclear(tree: UrdfTree, why: str, value: str) -> ArmError:
+    """Return the error that it is not clear which joints are the arm."""
     return ArmError(
         f"which joints are the arm is not clear: {why}",
         where=tree.where,
@@ -134,31 +165,77 @@ def _ambiguous(tree: UrdfTree, next_joints: list[UrdfJoint]) -> ArmError:
     )
 
 
-def _next_moving(tree: UrdfTree, link: str) -> list[UrdfJoint]:
-    """Return the next moving joints beyond a link and those fixed to it, longest chain first.
+# Where a hand begins.
 
-    Chains of equal length are in the order of the file.
+
+def _begin_a_hand(before: UrdfJoint, next_joints: Sequence[_Moving]) -> bool:
+    """Return whether the joints that follow another, `before`, belong to a hand."""
+    if len(next_joints) == 1:
+        return _is_of_a_hand(next_joints[0], before)
+    return _are_called_a_hand(next_joints) or _are_fingers(next_joints)
+
+
+def _is_of_a_hand(moving: _Moving, before: UrdfJoint) -> bool:
+    """Return whether a joint with no other beside it is called after a hand or moves a finger.
+
+    The last joint of many an arm turns a link called after the hand (`wrist_roll` carries
+    `gripper_link`): of links that turn, only the word of a finger counts. Where two joints or more
+    follow in a single chain, or the joint `before` is called so too, it is an arm called after its
+    hand (`l_hand_4`).
     """
-    fixed = set(_fixed_beyond(tree, link))
-    moving = (joint for joint in tree.joints if joint.parent in fixed and joint.kind in MOVING)
-    return sorted(moving, key=lambda joint: -_chain_length(tree, joint))
+    joint = moving.joint
+    is_long = moving.length > 2 and moving.count == moving.length
+    if is_long or _has_word(_OF_A_HAND, before.name):
+        return False
+    of_link = _OF_A_HAND if joint.kind == "prismatic" else _OF_A_FINGER
+    return _has_word(_OF_A_HAND, joint.name) or _has_word(of_link, joint.child)
 
 
-def _fixed_beyond(tree: UrdfTree, link: str) -> list[str]:
-    """Return a link and those fixed to it, each after the one that carries it."""
-    links = [link]
-    for joint in tree.below(link):  # every joint after the one that carries its parent
-        if joint.kind == "fixed" and joint.parent in links:
-            links.append(joint.child)
-    return links
+def _are_called_a_hand(next_joints: Sequence[_Moving]) -> bool:
+    """Return whether all joints or their links are called after a hand or its fingers.
+
+    One of them alone may be a camera called after the hand.
+    """
+    return all(
+        _has_word(_AMONG_FINGERS, each.joint.name) or _has_word(_AMONG_FINGERS, each.joint.child)
+        for each in next_joints
+    )
 
 
-def _chain_length(tree: UrdfTree, joint: UrdfJoint) -> int:
-    """Return the number of moving joints on the longest chain that begins with a joint."""
-    lengths = {joint.child: 1}
-    for beyond in tree.below(joint.child):
-        lengths[beyond.child] = lengths[beyond.parent] + (beyond.kind in MOVING)
-    return max(lengths.values())
+def _are_fingers(next_joints: Sequence[_Moving]) -> bool:
+    """Return whether joints are three short chains or more of one length, or two that slide.
+
+    Two that turn may be the last joint of the arm and a camera beside it.
+    """
+    lengths = {each.length for each in next_joints}
+    all_slide = all(each.joint.kind == "prismatic" for each in next_joints)
+    fewest = 2 if all_slide else 3
+    return len(lengths) == 1 and max(lengths) < _FEWEST_JOINTS and len(next_joints) >= fewest
+
+
+def _has_word(word: re.Pattern[str], name: str) -> bool:
+    """Return whether a name has a word; a capital letter begins one."""
+    return word.search(re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name).lower()) is not None
+
+
+# The links at the ends.
+
+
+def _fixed_beyond(
+    tree: UrdfTree, link: str, *, without: re.Pattern[str] | None = None
+) -> list[str]:
+    """Return a link and those fixed to it, each after the one that carries it.
+
+    Args:
+        without: links beyond it with such a word are left out, and what they carry.
+    """
+    found, open_ends = [link], [link]
+    while open_ends:
+        for joint in tree.carried_by(open_ends.pop()):
+            if joint.kind == "fixed" and not (without and _has_word(without, joint.child)):
+                found.append(joint.child)
+                open_ends.append(joint.child)
+    return found
 
 
 def _base_of(tree: UrdfTree, first: UrdfJoint) -> str:
@@ -169,17 +246,23 @@ def _base_of(tree: UrdfTree, first: UrdfJoint) -> str:
             break
         carriers.append(joint.parent)
     for link in _fixed_beyond(tree, carriers[-1]):
-        if link.lower() == "base" or (_OWN_BASE.search(link) and f"{link}_link" in carriers):
+        if link.lower() == "base":
+            return link
+        beside_its_link = f"{link}_link" in carriers  # `left_base` beside `left_base_link`
+        if _OWN_BASE.search(link) and beside_its_link:
             return link
     return next((link for link in carriers if _BASE.search(link)), first.parent)
 
 
 def _tip_of(tree: UrdfTree, last: UrdfJoint) -> str:
     """Return the tip of an arm by its last joint."""
-    carried = _fixed_beyond(tree, last.child)
+    carried = _fixed_beyond(tree, last.child, without=_OFF_THE_ARM)
     for pattern in _TIPS:
-        if named := [link for link in carried if pattern.search(link)]:
-            return named[0]
+        found = [match for link in carried if (match := pattern.search(link))]
+        # That of the arm has the prefix of its last link: `left_tool0` beside `left_wrist`.
+        own = [each for each in found if last.child.startswith(each.string[: each.start()])]
+        if found:
+            return (own or found)[0].string
     # The flange of some arms is the link of the next number: link7 carries link8.
     if number := re.search(r"(\d+)$", last.child):
         after = f"{last.child[: number.start()]}{int(number[0]) + 1:0{len(number[0])}d}"

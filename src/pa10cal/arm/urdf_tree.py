@@ -214,9 +214,13 @@ class UrdfTree:
         """Yield the joints beyond a link, each after the one that carries it."""
         links = [link]
         while links:
-            for joint in self._carried.get(links.pop(), ()):
+            for joint in self.carried_by(links.pop()):
                 yield joint
                 links.append(joint.child)
+
+    def carried_by(self, link: str) -> Sequence[UrdfJoint]:
+        """Return the joints that a link carries, in the order of the file."""
+        return self._carried.get(link, ())
 
     def _refuse_unless_serial(self, joints: Sequence[UrdfJoint], ends: str) -> None:
         """Refuse a path, called by its ends, that has too few or too many joints or other types."""
