@@ -30,7 +30,7 @@ from pa10cal.calibration.two_level_fit import calibrate
 from pa10cal.errors import CalibrationError
 from pa10cal.files.arms import load_arm
 from pa10cal.files.table_cells import csv_text
-from pa10cal.observe.kinds import instruments
+from pa10cal.observe.kinds import sees_several
 from pa10cal.observe.observations import Observations, average_repeats, poses_of
 from pa10cal.observe.quantities import Start
 from pa10cal.results import record
@@ -146,12 +146,13 @@ class CoverageRecord(record.Record):
 def coverage(scores: Array) -> Coverage:
     """Return the share of scores (campaigns, parameters) inside their intervals.
 
-    A parameter without an interval in some campaign has nan there. Campaigns in which nothing has
-    one do not count.
+    A parameter without an interval in some campaign has no finite score there. Campaigns in which
+    nothing has one do not count.
 
     Raises:
         CalibrationError: when nothing has an interval in any campaign.
     """
+    scores = _with_intervals(scores)
     scores = scores[np.isfinite(scores).any(axis=1)]
     if not len(scores):
         raise CalibrationError(
@@ -181,11 +182,12 @@ def _interval95(share_of_campaign: Array, outcomes: int) -> tuple[float, float]:
     campaigns, share = len(share_of_campaign), float(share_of_campaign.mean())
     if campaigns == 1:
         return 0.0, 1.0
-    trials = float(campaigns)  # where campaigns are alike by chance, they say nothing of that
+    trials = float(campaigns)  # equal shares have no scatter that would tell of more
     if np.ptp(share_of_campaign) > _EQUAL_SHARES:
-        of_one = share * (1.0 - share) / float(share_of_campaign.var(ddof=1))
-        trials = min(campaigns * of_one, float(outcomes))
+        trials_a_campaign = share * (1.0 - share) / float(share_of_campaign.var(ddof=1))
+        trials = min(campaigns * trials_a_campaign, float(outcomes))
     upper = 0.5 + LEVEL / 2.0
+    # The scatter of few campaigns is uncertain: the source's correction by degrees of freedom.
     trials *= float(ndtri(upper) / stdtrit(campaigns - 1, upper)) ** 2
     inside, outside = share * trials, (1.0 - share) * trials
     low = float(betaincinv(inside, outside + 1.0, 1.0 - upper)) if share > 0.0 else 0.0
@@ -194,10 +196,21 @@ def _interval95(share_of_campaign: Array, outcomes: int) -> tuple[float, float]:
 
 
 def coverage_by_parameter(names: Sequence[str], scores: Array) -> dict[str, ParameterCoverage]:
-    """Return the coverage of each parameter by scores (campaigns, parameters)."""
-    inside = np.nanmean(_inside(scores), axis=0).tolist()
-    rms = np.sqrt(np.nanmean(scores**2, axis=0)).tolist()
-    return {name: ParameterCoverage(inside=inside[k], rms=rms[k]) for k, name in enumerate(names)}
+    """Return the coverage of each parameter by scores (campaigns, parameters).
+
+    Parameters that have an interval in no campaign are left out.
+    """
+    scores = _with_intervals(scores)
+    known = np.isfinite(scores).any(axis=0)
+    kept = [name for k, name in enumerate(names) if known[k]]
+    inside = np.nanmean(_inside(scores[:, known]), axis=0).tolist()
+    rms = np.sqrt(np.nanmean(scores[:, known] ** 2, axis=0)).tolist()
+    return {name: ParameterCoverage(inside=inside[k], rms=rms[k]) for k, name in enumerate(kept)}
+
+
+def _with_intervals(scores: Array) -> Array:
+    """Return scores with nan where there is no interval: where they are not finite."""
+    return np.where(np.isfinite(scores), scores, np.nan)
 
 
 def _inside(scores: Array) -> Array:
@@ -217,15 +230,17 @@ def coverage_study(
         say: called with one line for each case that is finished.
 
     Raises:
-        Pa10calError: for a case whose arm is not known or that cannot be simulated or calibrated,
-            before all others are; or when nothing has an interval.
+        Pa10calError: before the study begins, for a case whose arm is not known, or of which the
+            first campaign cannot be simulated or calibrated; in its course, when nothing has an
+            interval.
     """
     prepared = [_prepare(case, options, calibration) for case in options.cases]
     paper = _papers_model(options, calibration)
     say(_line(_PAPERS, {"parameters": paper}))
     cases = []
-    for each in prepared:
-        case = _general_model(each, options)
+    titles = _titles(options.cases)
+    for each, title in zip(prepared, titles, strict=True):
+        case = _general_model(each, title, options)
         shares = {"parameters": case.parameters, "predictions": case.predictions}
         say(_line(case.case, shares | {"of any arm": case.departing_in_any_way.predictions}))
         cases.append(case)
@@ -258,6 +273,7 @@ def coverage_table(study: CoverageRecord) -> str:
 
 
 def _line(title: str, shares: dict[str, Coverage]) -> str:
+    """Return what is said of a case that is finished: shares inside, and rms scores."""
     shown = (f"{what} {100 * s.inside:.1f} % ({s.rms:.2f})" for what, s in shares.items())
     return f"{title}: {', '.join(shown)} inside (rms score)"
 
@@ -310,7 +326,7 @@ class _Prepared(NamedTuple):
 def _prepare(
     case: CoverageCaseOptions, options: CoverageOptions, calibration: CalibrationOptions
 ) -> _Prepared:
-    """Return a case, after one campaign of it was simulated and calibrated.
+    """Return a case, after its first campaign was simulated and calibrated.
 
     Raises:
         Pa10calError: when it cannot be.
@@ -353,17 +369,36 @@ def _campaigns(case: _Prepared, options: CoverageOptions, *, in_any_way: bool) -
     return campaigns
 
 
-def _general_model(case: _Prepared, options: CoverageOptions) -> CoverageCase:
+def _titles(cases: Sequence[CoverageCaseOptions]) -> list[str]:
+    """Return the titles of cases: in brief, and in full of those that are alike in brief."""
+    brief = [_title(case) for case in cases]
+    return [
+        _title(case, in_full=True) if brief.count(title) > 1 else title
+        for case, title in zip(cases, brief, strict=True)
+    ]
+
+
+def _title(case: CoverageCaseOptions, *, in_full: bool = False) -> str:
+    """Return the title of a case; in full with its instrument and which joints have springs."""
+    parts = [case.robot]
+    several = sees_several(case.instrument)
+    if in_full or not several:
+        parts.append(case.instrument)
+    if several:
+        parts.append(f"{case.targets} target{'s' if case.targets > 1 else ''}")
+    if joints := case.flexible_joints:
+        parts.append(f"springs {' '.join(map(str, joints))}" if in_full else "springs")
+    return ", ".join(parts)
+
+
+def _general_model(case: _Prepared, title: str, options: CoverageOptions) -> CoverageCase:
     """Return the coverage of one case of the general model."""
-    targets = f"{case.options.targets} target{'s' if case.options.targets > 1 else ''}"
-    several = instruments()[case.options.instrument].several_targets
-    title = f"{case.options.robot}, {targets if several else case.options.instrument}"
     by_parameters = _campaigns(case, options, in_any_way=False)
     in_any_way = _campaigns(case, options, in_any_way=True)
     names, scores = _table([parameter_scores(each.found, each.robot) for each in by_parameters])
     classes = [class_of(name) for name in names]
     return CoverageCase(
-        case=title + (", springs" if case.options.flexible_joints else ""),
+        case=title,
         **case.options.model_dump(mode="json"),
         campaigns=len(by_parameters),
         converged=_converged(by_parameters),
@@ -371,10 +406,7 @@ def _general_model(case: _Prepared, options: CoverageOptions) -> CoverageCase:
         redundant={each.name: each.replaced_by for each in case.unknowns.redundant},
         parameters=ClassCoverage(
             **dict(coverage(scores)),
-            by_class={
-                kind: coverage(scores[:, [each == kind for each in classes]])
-                for kind in sorted(set(classes))
-            },
+            by_class=_by_class(classes, scores),
             by_parameter=coverage_by_parameter(names, scores),
         ),
         predictions=_of_predictions(by_parameters),
@@ -386,11 +418,23 @@ def _general_model(case: _Prepared, options: CoverageOptions) -> CoverageCase:
     )
 
 
+def _by_class(classes: Sequence[str], scores: Array) -> dict[str, Coverage]:
+    """Return the coverage of each class of parameters of which some has an interval."""
+    columns = {kind: [each == kind for each in classes] for kind in sorted(set(classes))}
+    return {
+        kind: coverage(scores[:, of_kind])
+        for kind, of_kind in columns.items()
+        if np.isfinite(scores[:, of_kind]).any()
+    }
+
+
 def _converged(campaigns: Sequence[_Campaign]) -> float:
+    """Return the share of campaigns whose fit converged."""
     return float(np.mean([each.found.fit.converged for each in campaigns]))
 
 
 def _of_predictions(campaigns: Sequence[_Campaign]) -> Coverage:
+    """Return the coverage of predicted positions."""
     return coverage(np.array([each.predictions for each in campaigns]))
 
 
@@ -401,6 +445,7 @@ def _seen(robot: Robot, plan: TrackerOptions, seed: int) -> tuple[Observations, 
 
 
 def _plan(case: CoverageCaseOptions, options: CoverageOptions) -> TrackerOptions:
+    """Return how the campaigns of a case are measured: all poses fitted, no target stated."""
     return TrackerOptions(
         instrument=case.instrument,
         poses=options.poses,

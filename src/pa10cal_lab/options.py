@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-from pydantic import Field, FiniteFloat, NonNegativeInt
+from pydantic import Field, FiniteFloat, NonNegativeInt, ValidationInfo, field_validator
 
-from pa10cal.observe.kinds import TrackerKind
+from pa10cal.observe.kinds import TrackerKind, sees_several
 from pa10cal.options import Section
 
 
@@ -162,6 +162,21 @@ class CoverageCaseOptions(Section):
         (), description="joints with a linear spring, of an arm with masses"
     )
 
+    @field_validator("targets")
+    @classmethod
+    def _one_unless_several_are_seen(cls, count: int, info: ValidationInfo) -> int:
+        kind = info.data.get("instrument")
+        if count > 1 and kind is not None and not sees_several(kind):
+            raise ValueError(f"1: an instrument of {kind} sees one target")
+        return count
+
+    @field_validator("flexible_joints")
+    @classmethod
+    def _each_joint_once(cls, joints: tuple[int, ...]) -> tuple[int, ...]:
+        if len(set(joints)) < len(joints):
+            raise ValueError("each joint once")
+        return joints
+
 
 def _case(**fields: Any) -> CoverageCaseOptions:
     """Return a case of the defaults, unchecked: a check brings the instruments, numpy and scipy."""
@@ -200,3 +215,12 @@ class CoverageOptions(Section):
         ),
         description="an arm under an instrument each; targets are those of points",
     )
+
+    @field_validator("cases")
+    @classmethod
+    def _each_case_once(
+        cls, cases: tuple[CoverageCaseOptions, ...]
+    ) -> tuple[CoverageCaseOptions, ...]:
+        if any(case in cases[:k] for k, case in enumerate(cases)):
+            raise ValueError("each case once")
+        return cases

@@ -16,7 +16,8 @@ from pa10cal.files.arms import load_arm
 from pa10cal_lab.cell.individual import draw_individual
 from pa10cal_lab.cell.options import TrackerOptions
 from pa10cal_lab.cell.write import write_campaign
-from pa10cal_lab.coverage import coverage, coverage_by_parameter
+from pa10cal_lab.coverage import _by_class, _titles, coverage, coverage_by_parameter
+from pa10cal_lab.options import CoverageCaseOptions, CoverageOptions
 from pa10cal_lab.simulated import (
     class_of,
     draw_by_unknowns,
@@ -201,3 +202,33 @@ def test_campaigns_that_are_alike_leave_the_share_uncertain():
     assert low < 0.7
     assert 0.93 < high < 1.0
     assert coverage(scores[:1]).inside_interval95 == (0.0, 1.0)
+
+
+def test_what_has_no_finite_score_has_no_interval():
+    scores = np.random.default_rng(0).standard_normal((40, 3))
+    scores[0, 0] = np.inf
+    scores[:, 2] = np.nan
+    assert coverage(scores).rms < 2.0
+    found = coverage_by_parameter("abc", scores)
+    assert list(found) == ["a", "b"]
+    assert found["a"].rms == pytest.approx(np.sqrt(np.mean(scores[1:, 0] ** 2)))
+    assert list(_by_class(["angles", "angles", "tool"], scores)) == ["angles"]
+
+
+def test_cases_of_a_study_of_coverage_have_titles_of_their_own():
+    def case(**changes):
+        return CoverageCaseOptions(**{"robot": "ur10", "instrument": "pose"} | changes)
+
+    assert _titles(
+        [
+            case(flexible_joints=(2,)),
+            case(flexible_joints=(3, 4)),
+            case(instrument="points", targets=3, flexible_joints=(2,)),
+        ]
+    ) == ["ur10, pose, springs 2", "ur10, pose, springs 3 4", "ur10, 3 targets, springs"]
+    with pytest.raises(ValueError, match="each case once"):
+        CoverageOptions(cases=[case(), case()])
+    with pytest.raises(ValueError, match="each joint once"):
+        case(flexible_joints=(2, 2))
+    with pytest.raises(ValueError, match="an instrument of distance sees one target"):
+        case(instrument="distance", targets=3)

@@ -1,13 +1,16 @@
 """Forward steps, backward looks, full refits: the right set comes out, and proxies go again."""
 
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import ClassVar
 
 import numpy as np
 import pytest
 
 from made_up_arm import ERROR_RATE, Missing, harmonic, measure
+from pa10cal.discovery.evidence import search as searching
 from pa10cal.discovery.evidence.fit import fit
+from pa10cal.discovery.evidence.likelihood import Addition
 from pa10cal.discovery.evidence.noise_model import NO_SHARED_ERROR
 from pa10cal.discovery.evidence.search import evidence_about, less, refit, search
 from pa10cal.discovery.proof import needed_nats
@@ -93,6 +96,31 @@ def test_a_proxy_found_before_is_dropped_when_the_right_effects_may_enter(two_wa
     }
     assert scores[0,] < scores[0, 1] < scores[1, 2]
     assert scores[0, 1, 2] - scores[1, 2] < needed_nats(3, ERROR_RATE)
+
+
+@pytest.mark.parametrize("right_first", [True, False])
+def test_of_sets_that_replace_each_other_the_likeliest_is_the_end(
+    two_waves, monkeypatch, right_first
+):
+    right = tuple(two_waves.effect("transmission_error", f"joint {j}") for j in (2, 3))
+    family = (Proxy("joint 2"), *right)
+    sets = [((1, 1), (2, 1)), ((0, 1),)]
+    in_turn = iter((sets if right_first else sets[::-1]) * 2)
+    monkeypatch.setattr(searching, "_improve", lambda *_: next(in_turn))
+    found = search(two_waves.problem, family, ERROR_RATE, two_waves.start)
+    assert found.fit.effects == right
+
+
+def test_evidence_that_is_not_a_number_ends_the_steps():
+    class Nothing:
+        def score(self, chosen):
+            return SimpleNamespace(log_evidence=np.nan)
+
+        def additions(self, chosen, open_to):
+            return [Addition(np.nan, 0)] * len(open_to)
+
+    same = np.eye(3, dtype=bool)
+    assert searching._forward(Nothing(), same, ((0, 0),), set()) == ((0, 0),)
 
 
 def test_a_family_of_none_or_one_is_searched_too(wave):

@@ -58,22 +58,29 @@ def evidence_about(
 def search(
     problem: EvidenceProblem, family: tuple[Effect, ...], error_rate: float, start: EvidenceFit
 ) -> EndOfSearch:
-    """Find the set of effects of a family that the data support, from the model without effects."""
+    """Find the set of effects of a family that the data support, from the model without effects.
+
+    Each round improves the set about the last fit and fits it anew, until a round finds a set that
+    was fitted before: the one fitted last (sizes that alone would change are not fitted again), or
+    an earlier one. Then rounds would repeat, and of the sets between the likeliest is returned.
+    """
     needed = needed_nats(effects_in(family), error_rate)
     same = indistinguishable(problem, start, family)
     current = start
     chosen: CandidateSet = ()
-    seen: set[frozenset[int]] = set()
+    fits: dict[frozenset[int], tuple[EvidenceProblem, EvidenceFit]] = {}  # by their members
     for _ in range(EVIDENCE.most_rounds):
         evidence = evidence_about(problem, current, family)
         chosen = _improve(evidence, same, chosen, needed)
         members = frozenset(k for k, _ in chosen)
-        if members in seen:
-            break
-        seen.add(members)
+        if members in fits:
+            repeated = list(fits.values())[list(fits).index(members) :]
+            ends = [ended_at(*each, family, same) for each in repeated]
+            return max(ends, key=lambda end: end.score.log_evidence)
         effects = tuple(family[k] for k, _ in chosen)
         sizes = tuple(size for _, size in chosen)
         problem, current = refit(problem, effects, sizes, evidence.score(chosen).variances, current)
+        fits[members] = problem, current
     return ended_at(problem, current, family, same)
 
 
@@ -116,7 +123,10 @@ def refit(
 def _improve(
     evidence: SetEvidence, same: Mask, chosen: CandidateSet, needed: float
 ) -> CandidateSet:
-    """Add, exchange and remove effects until nothing helps and each of them is needed."""
+    """Add and exchange effects while that helps; then remove the least needed, and begin again.
+
+    It ends where each effect of the set is needed.
+    """
     forbidden: set[int] = set()
     while chosen := _forward(evidence, same, chosen, forbidden):
         weakest = _weakest(evidence, chosen, needed)
@@ -134,23 +144,30 @@ def _forward(
     """Add the best candidate; if none helps enough, exchange one member for a better one."""
     while True:
         enough = evidence.score(chosen).log_evidence + EVIDENCE.forward_nats
-        tried = []
+        best = _Scored(-np.inf, chosen)
         if len(chosen) < EVIDENCE.most_effects:
-            tried = [_best_addition(evidence, same, chosen, forbidden)]
-        if not tried or tried[0][0] < enough:
-            tried = [
+            best = _best_addition(evidence, same, chosen, forbidden)
+        if not best.nats >= enough:
+            exchanged = (
                 _best_addition(evidence, same, less(chosen, k), forbidden | {member})
                 for k, (member, _) in enumerate(chosen)
-            ]
-        best = max(tried, default=(-np.inf, chosen))
-        if best[0] < enough:
+            )
+            best = max(exchanged, default=best)
+        if not best.nats >= enough:  # nor where the evidence is not a number
             return chosen
-        chosen = best[1]
+        chosen = best.members
+
+
+class _Scored(NamedTuple):
+    """A set of candidates, and the log evidence of it."""
+
+    nats: float
+    members: CandidateSet
 
 
 def _best_addition(
     evidence: SetEvidence, same: Mask, chosen: CandidateSet, forbidden: set[int]
-) -> tuple[float, CandidateSet]:
+) -> _Scored:
     """Return the log evidence of the best set with one more member, and that set.
 
     A candidate that is forbidden, or indistinguishable from a member, is not added. Without any
@@ -159,11 +176,11 @@ def _best_addition(
     is_distinct = ~same[:, [k for k, _ in chosen]].any(axis=1)
     open_to = [k for k in np.flatnonzero(is_distinct).tolist() if k not in forbidden]
     if not open_to:
-        return -np.inf, chosen
+        return _Scored(-np.inf, chosen)
     gains = evidence.additions(chosen, open_to)
     best = max(range(len(open_to)), key=lambda k: gains[k].nats)
-    chosen = (*chosen, (open_to[best], gains[best].size))
-    return evidence.score(chosen).log_evidence, chosen
+    members = (*chosen, (open_to[best], gains[best].size))
+    return _Scored(evidence.score(members).log_evidence, members)
 
 
 class _Weakest(NamedTuple):
@@ -175,7 +192,10 @@ class _Weakest(NamedTuple):
 
 
 def _weakest(evidence: SetEvidence, chosen: CandidateSet, needed: float) -> _Weakest:
-    """Return the least needed member of a set; a needed one is needed by all sizes of the others.
+    """Return the least needed member of a set.
+
+    Where every member seems needed, the others take other sizes without it before it counts as
+    needed: beside a proxy of its own error the size of a true effect is too small.
 
     Args:
         needed: loss of log evidence from which on a member is needed.
@@ -183,7 +203,7 @@ def _weakest(evidence: SetEvidence, chosen: CandidateSet, needed: float) -> _Wea
     whole = evidence.score(chosen).log_evidence
     without = [less(chosen, k) for k in range(len(chosen))]
     scores = [evidence.score(rest).log_evidence for rest in without]
-    if whole - max(scores) >= needed:  # with a proxy in the set the true effect is too small
+    if whole - max(scores) >= needed:
         without = [resized(evidence, rest) for rest in without]
         scores = [evidence.score(rest).log_evidence for rest in without]
     k = int(np.argmax(scores))
