@@ -201,8 +201,8 @@ def coverage_by_parameter(names: Sequence[str], scores: Array) -> dict[str, Para
     Parameters that have an interval in no campaign are left out.
     """
     scores = _with_intervals(scores)
-    known = np.isfinite(scores).any(axis=0)
-    kept = [name for k, name in enumerate(names) if known[k]]
+    known = np.flatnonzero(np.isfinite(scores).any(axis=0)).tolist()
+    kept = [names[k] for k in known]
     inside = np.nanmean(_inside(scores[:, known]), axis=0).tolist()
     rms = np.sqrt(np.nanmean(scores[:, known] ** 2, axis=0)).tolist()
     return {name: ParameterCoverage(inside=inside[k], rms=rms[k]) for k, name in enumerate(kept)}
