@@ -238,7 +238,7 @@ def coverage_study(
     paper = _papers_model(options, calibration)
     say(_line(_PAPERS, {"parameters": paper}))
     cases = []
-    titles = _titles(options.cases)
+    titles = titles_of(options.cases)
     for each, title in zip(prepared, titles, strict=True):
         case = _general_model(each, title, options)
         shares = {"parameters": case.parameters, "predictions": case.predictions}
@@ -369,7 +369,7 @@ def _campaigns(case: _Prepared, options: CoverageOptions, *, in_any_way: bool) -
     return campaigns
 
 
-def _titles(cases: Sequence[CoverageCaseOptions]) -> list[str]:
+def titles_of(cases: Sequence[CoverageCaseOptions]) -> list[str]:
     """Return the titles of cases: in brief, and in full of those that are alike in brief."""
     brief = [_title(case) for case in cases]
     return [
@@ -406,7 +406,7 @@ def _general_model(case: _Prepared, title: str, options: CoverageOptions) -> Cov
         redundant={each.name: each.replaced_by for each in case.unknowns.redundant},
         parameters=ClassCoverage(
             **dict(coverage(scores)),
-            by_class=_by_class(classes, scores),
+            by_class=coverage_by_class(classes, scores),
             by_parameter=coverage_by_parameter(names, scores),
         ),
         predictions=_of_predictions(by_parameters),
@@ -418,7 +418,7 @@ def _general_model(case: _Prepared, title: str, options: CoverageOptions) -> Cov
     )
 
 
-def _by_class(classes: Sequence[str], scores: Array) -> dict[str, Coverage]:
+def coverage_by_class(classes: Sequence[str], scores: Array) -> dict[str, Coverage]:
     """Return the coverage of each class of parameters of which some has an interval."""
     columns = {kind: [each == kind for each in classes] for kind in sorted(set(classes))}
     return {

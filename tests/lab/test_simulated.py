@@ -16,7 +16,7 @@ from pa10cal.files.arms import load_arm
 from pa10cal_lab.cell.individual import draw_individual
 from pa10cal_lab.cell.options import TrackerOptions
 from pa10cal_lab.cell.write import write_campaign
-from pa10cal_lab.coverage import _by_class, _titles, coverage, coverage_by_parameter
+from pa10cal_lab.coverage import coverage, coverage_by_class, coverage_by_parameter, titles_of
 from pa10cal_lab.options import CoverageCaseOptions, CoverageOptions
 from pa10cal_lab.simulated import (
     class_of,
@@ -212,14 +212,14 @@ def test_what_has_no_finite_score_has_no_interval():
     found = coverage_by_parameter("abc", scores)
     assert list(found) == ["a", "b"]
     assert found["a"].rms == pytest.approx(np.sqrt(np.mean(scores[1:, 0] ** 2)))
-    assert list(_by_class(["angles", "angles", "tool"], scores)) == ["angles"]
+    assert list(coverage_by_class(["angles", "angles", "tool"], scores)) == ["angles"]
 
 
 def test_cases_of_a_study_of_coverage_have_titles_of_their_own():
     def case(**changes):
         return CoverageCaseOptions(**{"robot": "ur10", "instrument": "pose"} | changes)
 
-    assert _titles(
+    assert titles_of(
         [
             case(flexible_joints=(2,)),
             case(flexible_joints=(3, 4)),
