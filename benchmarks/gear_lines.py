@@ -28,7 +28,7 @@ NEAR = 0.1
 
 
 def drawn(folder: Path, rng: np.random.Generator, number: int) -> tuple[Drawn, int, float]:
-    """Write a campaign; return it, the joint (from 1, 0 for none) and the turns of its wheel."""
+    """Write a campaign; return it, the joint (from 1, 0 for none) and the turns of its waves."""
     wheel, slow = number % _WITHOUT != _WITHOUT - 1, number % (2 * _WITHOUT) == _WITHOUT - 1
     at: list[tuple[int, float]] = [(0, 0.0)]
 
@@ -41,9 +41,9 @@ def drawn(folder: Path, rng: np.random.Generator, number: int) -> tuple[Drawn, i
         if wheel or slow:
             angle = turns * q_rad[:, joint]
             found[:, joint] = size_rad * np.cos(angle - phases[0])
+            at[0] = joint + 1, turns
         if wheel:
             found[:, joint] += _TWICE * size_rad * np.cos(2.0 * angle - phases[1])
-            at[0] = joint + 1, turns
         return found
 
     return written(folder, rng, off, "a wheel of a gear off its centre"), *at[0]
@@ -73,15 +73,16 @@ def main() -> None:
             found = lines.get(f"joint {joint}")
             large = arm.rms_mm > arm.noise_mm
             right = found is not None and abs(found - turns) < NEAR
-            became["wheels"] += bool(joint)
-            became["large"] += bool(joint) and large
-            became["named"] += bool(joint) and right
-            became["large, named"] += bool(joint) and large and right
+            wheel = turns >= _TURNS[0]
+            became["wheels"] += wheel
+            became["large"] += wheel and large
+            became["named"] += wheel and right
+            became["large, named"] += wheel and large and right
             became["as a map"] += as_map and not right
             became["other turns"] += found is not None and not right
-            became["other names"] += bool(joint) and bool(others)
-            became["without"] += not joint
-            became["without, named"] += not joint and bool(lines)
+            became["other names"] += wheel and bool(others)
+            became["without"] += not wheel
+            became["without, named"] += not wheel and bool(lines) and not right
             print(
                 f"{k}: joint {joint}, {turns:.2f} turns, {arm.rms_mm:.3f} mm of "
                 f"{arm.noise_mm:.3f} mm noise, {arm.poses} poses: {verdict.verdict}, "
@@ -94,7 +95,7 @@ def main() -> None:
         f"{became['large, named']} of {became['large']} that move more than the noise; "
         f"{became['as a map']} as a map of that joint, {became['other turns']} with other turns, "
         f"{became['other names']} with another name; "
-        f"{became['without, named']} of {became['without']} others have a line"
+        f"{became['without, named']} of {became['without']} others have a line that is not there"
     )
 
 

@@ -35,6 +35,7 @@ from pa10cal.terms.effects.joint import GearLine
 from pa10cal.terms.effects.joint_error_map import is_error_map
 from pa10cal.terms.effects.structure import AxisWobble, LateralCompliance
 from pa10cal.terms.effects.warm_up import WarmsUp, warm_ups
+from pa10cal.terms.forms.catalogue import all_around
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,15 +93,21 @@ def gear_lines(
     terms, sizes, data = at.model.terms, possible_sizes(at.model), rows.data
     of_terms = jacobians.by_scaled_terms(at, poses, terms, rows.whitener)
     own = dict(zip(terms, of_terms, strict=True))
-    found = _lines(rows, joints, [*own.values(), rows.by_targets], data, error_rate)
+    beside_maps = _lines(rows, joints, [*own.values(), rows.by_targets], data, error_rate)
     maps = [term for term in own if is_error_map(term)]
-    if found or not maps:
-        return found
-    for term in maps:  # a fine map may follow a line, which is then in the residual without maps
+    for term in maps:  # a map may follow a line, which is then in the residual without maps
         amounts = at.values_of(term) / sizes[at.model.columns_of(term)]
         data = data + own.pop(term) @ amounts
     rivals = [*own.values(), rows.by_targets]
-    return _lines(rows, joints, rivals, data, error_rate, LINES.of_map_times)
+    # What a map cannot follow of a line looks like another line beside it.
+    mapped = [term.joint for term in maps if term.joint in joints]
+    times = LINES.of_map_times
+    in_maps = _lines(rows, mapped, rivals, data, error_rate, times, in_maps=True) if mapped else ()
+    taken = {line.of for line in in_maps}
+    found = (*in_maps, *(line for line in beside_maps if line.of not in taken))
+    if found or not maps:
+        return found
+    return _lines(rows, joints, rivals, data, error_rate, times)
 
 
 def _angles(poses: Observations, joint: int) -> int:
@@ -115,16 +122,25 @@ def _lines(
     data: Array,
     error_rate: float,
     times: float = 1.0,
+    *,
+    in_maps: bool = False,
 ) -> tuple[GearLine, ...]:
     """Return the lines of joints in whitened data (P, b), beside own columns (P, b, k).
 
-    The best order has to gain so many times as much as any other.
+    Args:
+        rows: the poses about the model.
+        joints: where lines are sought.
+        own: columns of the model.
+        data: whitened residual.
+        error_rate: probability allowed of finding a line where there is none.
+        times: how many times as much as any other the best order has to gain.
+        in_maps: whether lines stand in place of maps, so that orders that maps follow count too.
     """
     rivals = _Rivals(np.concatenate(own, axis=2), data)
     by_joint = rows.whitener @ jacobians.by_joints(rows.at, rows.poses, joints)
     q_rad = rows.poses.states.q_rad
     spectra = [
-        _Periodogram.of(rivals, by_joint[:, :, k], q_rad[:, joint - 1])
+        _Periodogram.of(rivals, by_joint[:, :, k], q_rad[:, joint - 1], in_maps=in_maps)
         for k, joint in enumerate(joints)
     ]
     needed = float(np.log(sum(len(spectrum.orders) for spectrum in spectra) / error_rate))
@@ -148,9 +164,10 @@ class _Periodogram:
     rivals_by_joint: Array  # (P, n) products of the rivals with the joint's column, pose by pose
     squares: Array  # (P,) squares of the joint's column
     data_by_joint: Array  # (P,) products of the joint's column with the data
+    lowest: float  # order from which on a line is sought [cycles a turn]
 
     @classmethod
-    def of(cls, rivals: _Rivals, by_joint: Array, q_rad: Array) -> _Periodogram:
+    def of(cls, rivals: _Rivals, by_joint: Array, q_rad: Array, *, in_maps: bool) -> _Periodogram:
         """Return that of a joint by its whitened column (P, b) and its angles (P,)."""
         return cls(
             q_rad=q_rad,
@@ -158,6 +175,7 @@ class _Periodogram:
             rivals_by_joint=np.einsum("pbn,pb->pn", rivals.columns, by_joint),
             squares=np.sum(by_joint**2, axis=1),
             data_by_joint=np.sum(by_joint * rivals.data, axis=1),
+            lowest=_lowest_order(q_rad, in_maps=in_maps),
         )
 
     @property
@@ -168,7 +186,7 @@ class _Periodogram:
     @property
     def orders(self) -> Array:
         """Return the orders that are tried [cycles a turn]."""
-        return np.arange(*LINES.orders, LINES.step_widths * self.width)
+        return np.arange(self.lowest, LINES.orders[1], LINES.step_widths * self.width)
 
     def line(self, needed: float, times: float = 1.0) -> float | None:
         """Return the order of the line that gains what is needed [nat]; None if none does.
@@ -191,6 +209,8 @@ class _Periodogram:
             bounds=(orders[best] - step, orders[best] + step),
             method="bounded",
         )
+        if self.lowest < LINES.orders[0] and finest.x < self.lowest:  # a smooth error is no line
+            return None
         return float(finest.x)
 
     def gains(self, orders: Array) -> Array:
@@ -204,6 +224,18 @@ class _Periodogram:
         projection = np.tensordot(self.data_by_joint, waves, axes=1)
         further = self.rivals.equations.of_each_further(across, gram, projection)
         return np.asarray(further.gains(self.rivals.seen)[0] / PROBABILITIES.blocks)
+
+
+def _lowest_order(q_rad: Array, *, in_maps: bool) -> float:
+    """Return the order from which on a line is sought at angles (P,) of a joint.
+
+    What a map follows may be a line of a lower order, of a joint that was not seen all around: a
+    line of a whole number is no better known there than others, and has no name of its own.
+    """
+    if not in_maps or all_around(q_rad):
+        return LINES.orders[0]
+    of_range = LINES.least_cycles * 2.0 * np.pi / float(np.ptp(q_rad))
+    return min(max(LINES.lowest_in_map, of_range), LINES.orders[0])
 
 
 # Axes that wobble as their joints turn. A bearing that is softer about one axis than about another

@@ -456,12 +456,14 @@ class Lines:
     # lowest and highest cycles a turn: below are errors by the joint's angle, that maps follow;
     # above is twice the ratio of any gear but a few (size)
     orders: tuple[float, float] = (13.0, 360.0)
+    # lowest in place of a map of a joint that was not seen all around: lower have names (size)
+    lowest_in_map: float = 3.0
+    # cycles over the range of its angles: fewer are a smooth error (statistics)
+    least_cycles: float = 1.0
     size_rad: float = 1e-4  # size of a line by which it is sought [rad] (size)
     widths_apart: float = 2.0  # widths within which numbers of cycles are one line (statistics)
-    # nats by which the best number must stand out of all others, further away (level)
-    better_nats: float = 4.6
-    # times that the best must gain of any other where a map follows both: many orders are no line
-    # (level)
+    better_nats: float = 4.6  # nats by which the best must stand out of others further away (level)
+    # times that the best must gain of any other in place of a map: many orders are no line (level)
     of_map_times: float = 2.0
     angle_decimals: int = 4  # of angles [rad] that are different (size)
     step_widths: float = 0.5  # steps by which lines are sought, in widths (computing)
@@ -478,8 +480,7 @@ class Wobbles:
 
     # plausible sizes by which bearings, links and base may give way, about any axes (trials)
     sizes: float = 10.0
-    # nats by which the wobble of one joint must stand out of that of any other (level)
-    better_nats: float = 4.6
+    better_nats: float = 4.6  # nats by which that of one joint must stand out of any other (level)
 
 
 @dataclass(frozen=True)
@@ -490,8 +491,7 @@ class WarmingUp:
     # grease of gears take minutes to hours (size)
     time_constants: tuple[float, float, int] = (300.0, 0.2, 24)
     base_m: float = 1e-4  # plausible motion of base, tool and targets [m, rad] (size)
-    # nats by which it must stand out of a base, tool or target that settles or moves (level)
-    better_nats: float = 4.6
+    better_nats: float = 4.6  # nats by which it must stand out of a base or tool that moves (level)
 
 
 @dataclass(frozen=True)

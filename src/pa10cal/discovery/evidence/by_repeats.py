@@ -39,20 +39,25 @@ from pa10cal.discovery.evidence.judge import (
 )
 from pa10cal.discovery.evidence.noise_model import NO_SHARED_ERROR, NoiseModel, SharedVariances
 from pa10cal.discovery.evidence.problem import EvidenceProblem, prepare
-from pa10cal.discovery.evidence.search import EndOfSearch, evidence_about, refit, resized, search
+from pa10cal.discovery.evidence.search import (
+    EndOfSearch,
+    evidence_about,
+    refit,
+    resized,
+    search_with_errors_of_joints,
+)
 from pa10cal.discovery.finding import Finding, Untestable
 from pa10cal.discovery.gap import PairedErrors, errors_of, gap
 from pa10cal.discovery.gross_errors import moved_between_repeats
 from pa10cal.discovery.in_time import in_time_of
-from pa10cal.discovery.jacobians import WhitenedPoses, ideal_by_joints
+from pa10cal.discovery.jacobians import ideal_by_joints
 from pa10cal.discovery.joint_steps import JointSteps, joint_steps_of, likely_joint_steps
 from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit, pure_error_test
 from pa10cal.discovery.next_poses import separating_poses, unresolved_pairs
 from pa10cal.discovery.noise import same_circumstances, whitener_of
 from pa10cal.discovery.nuisances import TimeFindings, motion_unexplained, steps_in_time
 from pa10cal.discovery.proof import needed_nats
-from pa10cal.discovery.residual_candidates import gear_lines
-from pa10cal.discovery.rules import EVIDENCE, LINES
+from pa10cal.discovery.rules import EVIDENCE
 from pa10cal.discovery.short_forms import FormComparison
 from pa10cal.discovery.target_wander import in_words
 from pa10cal.discovery.tuning import COMPUTING
@@ -67,7 +72,6 @@ from pa10cal.observe.time_order import spread_over_time
 from pa10cal.results.analysis import LackOfFit, PureErrorTest
 from pa10cal.results.discovery import SearchByRepeats, SharedError
 from pa10cal.terms.effects.effect import Effect
-from pa10cal.terms.effects.joint import GearLine
 from pa10cal.terms.forms.form import Form
 from pa10cal.terms.offsets import motion_of_base
 from pa10cal.terms.weights import is_fault
@@ -294,17 +298,12 @@ def discover_by_repeats(campaign: preparation.Prepared) -> Verdict[ByRepeats]:
     readings = campaign.trusted
     problem, start = _with_time(readings, campaign)
     family, refused = split_testable(problem, start, _sought(problem))
-    lines: tuple[Effect, ...] = ()
-    ended = search(problem, family, error_rate, start)
-    for _ in range(LINES.most_rounds):
-        added = _lines(ended, error_rate)
-        if not added:
-            break
-        family, lines = (*family, *added), (*lines, *added)
-        if problem.in_time.wander is not None:  # lines may have been taken for motion in time
-            problem, start = _with_time(readings, campaign, lines)
-        ended = search(problem, family, error_rate, start)
-    needed = needed_nats(preparation.effects_in(family), error_rate)
+
+    def timed(lines: tuple[Effect, ...]) -> tuple[EvidenceProblem, EvidenceFit]:
+        return _with_time(readings, campaign, lines)
+
+    ended = search_with_errors_of_joints(problem, family, error_rate, start, timed)
+    needed = needed_nats(preparation.effects_in(ended.family), error_rate)
     return _verdict(campaign, judge(ended, needed), start, refused)
 
 
@@ -356,15 +355,6 @@ def _verdict(
         holdout=None if held_out is None else scorer.gap_on(held_out),
         faults_of_rows=steps_in_time(wander, extended.at, problem.readings),
     )
-
-
-def _lines(ended: EndOfSearch, error_rate: float) -> tuple[Effect, ...]:
-    """Return the lines of gears in the residuals of a search, at joints where none was tried."""
-    at, cells = ended.fit.at, ended.problem.cells
-    tried = [each.of for each in ended.family if each.id == GearLine.id]
-    whiteners = whitener_of(ended.problem.cell_cov)
-    rows = WhitenedPoses(at, cells, at.compared(cells).residual, whiteners)
-    return gear_lines(rows, error_rate, tried)
 
 
 def _sought(problem: EvidenceProblem) -> tuple[Effect, ...]:

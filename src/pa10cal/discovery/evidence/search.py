@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from itertools import compress
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -13,11 +16,16 @@ from pa10cal.discovery.evidence.fit import EvidenceFit, fit
 from pa10cal.discovery.evidence.likelihood import CandidateSet, Score, SetEvidence
 from pa10cal.discovery.evidence.noise_model import SharedVariances
 from pa10cal.discovery.evidence.problem import EvidenceProblem, prepare
+from pa10cal.discovery.jacobians import WhitenedPoses
+from pa10cal.discovery.noise import whitener_of
 from pa10cal.discovery.preparation import effects_in
 from pa10cal.discovery.proof import needed_nats
-from pa10cal.discovery.rules import EVIDENCE
+from pa10cal.discovery.residual_candidates import gear_lines
+from pa10cal.discovery.rules import EVIDENCE, LINES, MAPS
 from pa10cal.discovery.tuning import COMPUTING
 from pa10cal.terms.effects.effect import Effect
+from pa10cal.terms.effects.joint import GearLine, is_gear_line
+from pa10cal.terms.effects.joint_error_map import FadingPrior, is_error_map
 
 
 @dataclass(frozen=True)
@@ -227,3 +235,111 @@ Value = TypeVar("Value")
 def less(values: tuple[Value, ...], k: int) -> tuple[Value, ...]:
     """Return the values without the k-th."""
     return values[:k] + values[k + 1 :]
+
+
+# Periodic errors of joints: lines of gears, which a spectrum proposes, and maps fine enough.
+
+
+def search_with_errors_of_joints(
+    problem: EvidenceProblem,
+    family: tuple[Effect, ...],
+    error_rate: float,
+    start: EvidenceFit,
+    timed: Callable[[tuple[Effect, ...]], tuple[EvidenceProblem, EvidenceFit]],
+) -> EndOfSearch:
+    """Search as `search`, then with the lines that residuals show, and with maps as fine as needed.
+
+    Args:
+        problem: the campaign.
+        family: the candidates.
+        error_rate: probability allowed of finding an effect where there is none.
+        start: the fit without effects.
+        timed: returns problem and start with motion in time found beside some lines, which may have
+            been taken for it.
+    """
+    lines: tuple[Effect, ...] = ()
+    ended = search(problem, family, error_rate, start)
+    for _ in range(LINES.most_rounds):
+        added = _lines(ended, error_rate)
+        if not added:
+            break
+        family, lines = (*family, *added), (*lines, *added)
+        if problem.in_time.wander is not None:
+            problem, start = timed(lines)
+        ended = search(problem, family, error_rate, start)
+    return _with_fine_maps(ended, error_rate, start)
+
+
+def _lines(ended: EndOfSearch, error_rate: float) -> tuple[Effect, ...]:
+    """Return the lines of gears in the residuals of a search, at joints where none was tried."""
+    at, cells = ended.fit.at, ended.problem.cells
+    tried = [each.of for each in ended.family if each.id == GearLine.id]
+    whiteners = whitener_of(ended.problem.cell_cov)
+    rows = WhitenedPoses(at, cells, at.compared(cells).residual, whiteners)
+    lines = gear_lines(rows, error_rate, tried)
+    mapped = {each.of for each in ended.fit.effects if is_error_map(each)}
+    return tuple(_in_place_of_map(ended, line) if line.of in mapped else line for line in lines)
+
+
+def _in_place_of_map(ended: EndOfSearch, line: GearLine) -> GearLine:
+    """Return a line about its number of cycles in a fit without the other effects of its joint.
+
+    The spectrum is linear about a fit in which a map, and others with it, stood for the line.
+    """
+    kept = [each.of != line.of for each in ended.fit.effects]
+    effects = tuple(compress(ended.fit.effects, kept))
+    sizes = tuple(compress(ended.fit.sizes, kept))
+    largest = len(EVIDENCE.sizes) - 1
+    found = fit(
+        ended.problem, (*effects, line), (*sizes, largest), ended.score.variances, ended.fit
+    )
+    return replace(line, order=float(found.at.values_of(line)[2]))
+
+
+def _with_fine_maps(ended: EndOfSearch, error_rate: float, start: EvidenceFit) -> EndOfSearch:
+    """Return the end of a search with fine maps of joints whose map does not suffice, if better.
+
+    An error of many cycles a turn, which a map of twelve knots does not follow, draws other effects
+    of its joint into the set: large ones that cancel, a torque that goes with the angle, or a line
+    that is one of several. Where the set is better, fine maps are among what may replace its lines.
+    """
+    effects = ended.fit.effects
+    count = Counter(each.of for each in effects)
+    mapped = {each.of for each in effects if is_error_map(each) and count[each.of] > 1}
+    places = mapped | {each.of for each in effects if _may_be_of_map(each)}
+    if not places:
+        return ended
+    knots, half_order = MAPS.spacings[0]
+    spectrum = FadingPrior(MAPS.sizes_rad[-1], half_order)
+    family = tuple(
+        replace(each, knots=knots, spectrum=spectrum)
+        if is_error_map(each) and each.of in places
+        else each
+        for each in ended.family
+    )
+    crowded = {place for place in places if count[place] > 1}
+    without_lines = tuple(e for e in family if not (e.of in crowded and _may_be_of_map(e)))
+    if crowded:
+        ahead = search(ended.problem, without_lines, error_rate, start)
+        if _worth_nats(ahead, error_rate) > _worth_nats(ended, error_rate):
+            return ahead
+    if mapped:
+        return ended
+    same = indistinguishable(ended.problem, start, family)
+    return ended_at(ended.problem, ended.fit, family, same)
+
+
+def _worth_nats(ended: EndOfSearch, error_rate: float) -> float:
+    """Return the evidence of a set less what members gain by chance, the best of so many tried.
+
+    The orders of a line were many.
+    """
+    family, effects = ended.family, ended.fit.effects
+    by_chance = len(effects) * needed_nats(len(family), error_rate)
+    by_chance += sum(map(_may_be_of_map, effects)) * float(np.log(LINES.orders[1]))
+    return ended.score.log_evidence - by_chance
+
+
+def _may_be_of_map(effect: Effect) -> bool:
+    """Return whether an effect is a line of as few cycles a turn as a fine map follows."""
+    return is_gear_line(effect) and effect.order < LINES.orders[0]

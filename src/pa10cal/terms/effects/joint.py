@@ -376,7 +376,7 @@ class GearLine(effect.AtJoint):
 
     def same_as(self, other: Term) -> bool:
         """Return whether another line is this one: k is a parameter, and their ranges overlap."""
-        if not _is_gear_line(other) or self.of != other.of:
+        if not is_gear_line(other) or self.of != other.of:
             return False
         return abs(self.order - other.order) < 0.5 * (self.width + other.width)
 
@@ -402,7 +402,8 @@ class GearLine(effect.AtJoint):
         return Report(parameters, np.append(known.values, x[2]), jacobian)
 
 
-def _is_gear_line(term: Term) -> TypeGuard[GearLine]:
+def is_gear_line(term: Term) -> TypeGuard[GearLine]:
+    """Return whether a term is a line of a gear."""
     return term.id == GearLine.id
 
 

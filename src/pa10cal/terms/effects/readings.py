@@ -132,8 +132,7 @@ class RangeConstant(FalseReading):
         """Return that it is possible where the origin of beams is outside the arm's reach."""
         if context.three_axes is None:  # not known: possible
             return ()
-        outside = np.linalg.norm(context.p_instr_middle_m) > context.arm.reach_m
-        return () if outside and not context.three_axes else None
+        return () if _may_read_along_beams(context) and not context.three_axes else None
 
     def field(self, p_instr_m: Array) -> Array:
         length_m = np.linalg.norm(p_instr_m, axis=-1, keepdims=True)
@@ -141,14 +140,26 @@ class RangeConstant(FalseReading):
         return along[..., None]
 
 
+def _may_read_along_beams(context: CandidateContext) -> bool:
+    """Return whether the origin of the readings is where a tracker stands: beyond the arm's reach."""
+    return bool(np.linalg.norm(context.p_instr_middle_m) > context.arm.reach_m)
+
+
 @dataclass(frozen=True)
 class CmmSquareness(FalseReading):
-    """The instrument's x axis is not square to y: x reads x + xy y, xy in rad."""
+    """The instrument's x axis is not square to y: x reads x + xy y, xy in rad.
+
+    Only a machine that moves along axes has such an error, and not one that reads along beams.
+    """
 
     id = "cmm_squareness"
     clauses = ("the instrument's axes are not square",)
     words = "reading of x = x + xy y"
     reported = (TermParameter("xy", "rad", 3e-6, plausible=1e-4),)
+
+    @classmethod
+    def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
+        return None if context.three_axes is False and _may_read_along_beams(context) else ()
 
     def field(self, p_instr_m: Array) -> Array:
         field: Array = p_instr_m[..., 1:2] * np.array([1.0, 0.0, 0.0])
