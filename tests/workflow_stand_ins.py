@@ -30,7 +30,7 @@ STAND_INS = {
         """,
     ),
     "montecarlo": (
-        ["--campaign", "--robot", "--campaign-dir", "--settings", "--out"],
+        ["--campaign", "--robot", "--campaign-dir", "--settings", "--out", "--skip-out-of-reach!"],
         """
         for plane in json.loads(a.settings)["planes_mm"]:
             write_text(Path(a.out) / f"z{plane}.json", json.dumps(vars(a)))
