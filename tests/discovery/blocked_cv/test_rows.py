@@ -40,7 +40,7 @@ def few():
 
 @pytest.fixture(scope="module")
 def rows(few):
-    wanted = {("encoder_eccentricity", "joint 2"), ("cmm_squareness", "instrument")}
+    wanted = {("encoder_eccentricity", "joint 2"), ("backlash", "joint 3")}
     shaped = [
         each for each in computable_shapes(few)[0] if (each.effect.id, each.effect.of) in wanted
     ]
@@ -121,10 +121,10 @@ def test_left_of_is_the_data_less_what_the_columns_say(rows):
 
 
 def test_columns_stand_where_rows_say(rows):
-    eccentric, square = rows.columns_of_effects()
-    assert [each.effect.id for each in rows.shaped] == ["cmm_squareness", "encoder_eccentricity"]
+    lagging, eccentric = rows.columns_of_effects()
+    assert [each.effect.id for each in rows.shaped] == ["backlash", "encoder_eccentricity"]
     own = len(rows.baseline_columns)
-    assert (eccentric.tolist(), square.tolist()) == ([own], [own + 1, own + 2])
+    assert (lagging.tolist(), eccentric.tolist()) == ([own], [own + 1, own + 2])
     assert rows.columns_of_map(1)[0] == own + 3
     assert rows.columns_of_map(6)[-1] + 1 == len(rows.normal_equations().projection[0])
     assert rows.basis.shape == (36, 35)
@@ -164,7 +164,7 @@ def test_an_effect_below_its_detection_limit_is_listed_and_sought_all_the_same(f
     shaped, _ = computable_shapes(few)
     rows = BlockedRows(few, unweighted(few.poses.measured), shaped, 36)
     weights = replace(rows.weights, weight=np.full(len(few.poses), 2e-3))
-    name, found = ("cmm_squareness", "instrument"), []
+    name, found = ("backlash", "joint 3"), []
     for each in (rows, replace(rows, weights=weights)):
         products = each.normal_equations()
         known = family(each, products)

@@ -141,7 +141,7 @@ class RangeConstant(FalseReading):
 
 
 def _may_read_along_beams(context: CandidateContext) -> bool:
-    """Return whether the origin of the readings is where a tracker stands: beyond the arm's reach."""
+    """Return whether the origin of the readings is beyond the reach, as where a tracker stands."""
     return bool(np.linalg.norm(context.p_instr_middle_m) > context.arm.reach_m)
 
 
