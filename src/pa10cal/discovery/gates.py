@@ -47,7 +47,7 @@ from pa10cal.terms.effects.joint_error_map import JointErrorMap
 from pa10cal.terms.effects.over_time import BaseDrift, ThermalGrowth
 from pa10cal.terms.effects.readings import Scale
 from pa10cal.terms.effects.slide import SlideScale
-from pa10cal.terms.weights import holds_weights
+from pa10cal.terms.weights import holds_weights, is_fault
 
 S = TypeVar("S", bound=Scorer)
 
@@ -62,7 +62,7 @@ def gated(found: Verdict[S]) -> Verdict[S]:
     """Return a verdict with names that pass the checks, or a `none` that passes its own."""
     found = _with_names_that_pass(found)
     found = _with_one_kind(_with_likeliest_names(found))
-    found = _without_unlikely_names(found)
+    found = _without_unproven_statements(_without_unlikely_names(found))
     found = _without_names_that_move_nothing(_with_other_leads(with_cable_torques(found)))
     if found.verdict == "none" and (reasons := tuple(reasons_against_none(found))):
         why = f"no effect was found, yet {'; '.join(reasons)}"
@@ -207,6 +207,40 @@ def _without_unlikely_names(found: Verdict[S]) -> Verdict[S]:
         if not worse_without or finding.effect.error_of == "readings":
             found = without
     return found
+
+
+def _without_unproven_statements(found: Verdict[S]) -> Verdict[S]:
+    """Return a verdict that tells no statement about weights as wrong unless it surely is.
+
+    Whoever corrects a right one spoils the file. What it explained becomes unexplained.
+    """
+    passed = found
+    for effect in [each.effect for each in found.findings if is_fault(each.effect)]:
+        finding = finding_of(passed, effect)
+        if reasons := tuple(_reasons_against_statement(passed, finding)):
+            passed = without_names(passed, {finding: "; ".join(reasons)})
+    return found if passed is found else _still_passing(passed)
+
+
+def _reasons_against_statement(found: Verdict, finding: Finding) -> Iterator[str]:
+    """Yield why a statement about weights is not told as wrong."""
+    std = np.sqrt(np.maximum(np.diag(finding.covariance), np.finfo(float).tiny))
+    errors = float(np.abs(finding.x / std).max())
+    if errors < NAMES.statement_errors:
+        yield f"it is {errors:.1f} standard errors from what is stated"
+    probability = with_unknown_cause(found, finding).probability
+    if probability < PROBABILITIES.nameless:
+        yield f"other causes are likelier (probability {1.0 - probability:.2f} together)"
+    if found.prepared.torques == "logged":  # these show it, and poses do not
+        return
+    rest = [each for each in found.findings if each.effect != finding.effect]
+    without_mm = with_findings(found, rest).train.after.rms_mm
+    left_mm, noise_mm = found.train.after.rms_mm, found.train.noise_rms_mm
+    if without_mm**2 - left_mm**2 < left_mm**2 - noise_mm**2:
+        yield (
+            f"it explains less ({without_mm:.3g} mm without it, {left_mm:.3g} mm with it) than "
+            f"what is left beyond the noise of {noise_mm:.3g} mm"
+        )
 
 
 def _without_names_that_move_nothing(found: Verdict[S]) -> Verdict[S]:

@@ -130,8 +130,7 @@ class Evidence:
     # variances interpolated between the neighbours of the best one (computing)
     variances_between: int = 129
     form_folds: int = 9  # blocks of poses held out in turn for short forms (computing)
-    # least standard uncertainty of a reading over the stated one, for motion in time (size)
-    least_uncertainty_share: float = 0.1
+    least_uncertainty_share: float = 0.1  # least standard uncertainty over the stated one (size)
 
 
 @dataclass(frozen=True)
@@ -227,12 +226,13 @@ class Names:
     most_alternatives: int = 6  # most alternatives of a named effect (trials)
     # factor within which errors, repeatability and stated uncertainty agree (trials)
     agree_ratio: float = 3.0
-    # lack of fit F of the torques that is none: 0.8 to 1.1 without a fault, 1.6 where one of three
-    # loads is stated 40 N for 44 (trials)
+    # lack of fit F of torques that is none: 0.8 to 1.1; 1.6 if one load of three is off (trials)
     most_torque_ratio: float = 1.3
     torque_p_value: float = 1e-6  # and its largest p value (level)
     # largest part of the error that other weights leave for them to be reported (trials)
     most_left_share: float = 0.9
+    # standard errors by which a weight differs from a statement that is told as wrong (level)
+    statement_errors: float = 3.0
     # factor from which on larger held-out errors are worse, significant or not (trials)
     worse_ratio: float = 1.02
     likelier: float = 2.0  # odds against a name from which on a rival replaces it (level)
@@ -274,7 +274,8 @@ class Probabilities:
     left_of_noise: float = 0.01  # least remaining squares, as part of those of noise (computing)
     # ratio of remaining error to noise from which on odds are the same (trials)
     most_left_of_noise: float = 3.0
-    nameless: float = 0.5  # probability of none of these from which an effect has no name (level)
+    # probability of none of these from which an effect has no name, and least of a fault (level)
+    nameless: float = 0.5
     surely: float = SURE  # probability of the set that contains the truth (level)
     least: float = 0.01  # probability from which an alternative is listed (level)
 
@@ -291,8 +292,7 @@ class Motion:
     turns_rad_per_m: tuple[float, ...] = (0.0, 1.0)
     # prior sizes of effects that are tried besides, in plausible sizes (size)
     effect_sizes: tuple[float, ...] = (0.1, 1.0, 3.0)
-    # lowest, highest and number of variances tried of the error that readings of a pose share, in
-    # those of a reading; zero is tried, too (size)
+    # as `Evidence.pose_variances` (size)
     pose_variances: tuple[float, float, int] = (0.1, 1e4, 7)
     false_rate: float = 1e-3  # probability allowed of seeing a motion where there is none (level)
     most_jumps: int = 4  # jumps that may be found (trials)
@@ -300,8 +300,8 @@ class Motion:
     coarse_times: int = 40  # times of a jump first scanned (computing)
     # least root mean square of a motion over the noise of one reading (trials)
     least_noise_ratio: float = 0.5
-    # least covariance of errors of single targets over that of their common motion, per degree of
-    # freedom, from which on the latter is no motion: of independent errors it is 1 (statistics)
+    # least covariance of errors of single targets over that of their common motion, a degree of
+    # freedom, for which that is no motion: of independent errors it is 1 (statistics)
     single_share: float = 0.5
     single_errors: float = 4.0  # and by how many standard errors it is not zero (level)
     # least noise over that by which rows are whitened: more columns than rows could explain all of

@@ -19,7 +19,7 @@ from pa10cal.discovery.finding import Finding
 from pa10cal.discovery.log_faults import DiagnosedFault, fault_of
 from pa10cal.discovery.preparation import MeasurementSetup
 from pa10cal.discovery.proof import Proof
-from pa10cal.discovery.rules import TORQUES
+from pa10cal.discovery.rules import NAMES, TORQUES
 from pa10cal.discovery.verdict import Verdict, is_sought
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import statics_of
@@ -51,8 +51,9 @@ def stated_wrongly(
     found = []
     for k in chosen:
         x, covariance, gain = torques.amounts(chosen, k)
-        sizes = np.diag(faults[k].prior_factor)
-        if np.abs(x).max() > TORQUES.least_sizes:
+        sizes, std = np.diag(faults[k].prior_factor), np.sqrt(np.diag(covariance))
+        is_sure = np.any(np.abs(x) >= NAMES.statement_errors * std)
+        if is_sure and np.abs(x).max() > TORQUES.least_sizes:
             found.append(fault_of(faults[k], x * sizes, covariance * np.outer(sizes, sizes), gain))
     return tuple(found)
 
