@@ -21,6 +21,7 @@ from pa10cal.files.arms import load_arm
 from pa10cal.terms.effects.effect import candidates
 from pa10cal.terms.effects.joint import GearRatioError
 from pa10cal.terms.effects.over_time import BaseDrift
+from pa10cal.terms.weights import GravityStated
 
 
 def names(verdict):
@@ -82,6 +83,44 @@ def erring(gap, mean_mm):
     other = replace(gap)
     other.__dict__["after"] = gap.after.model_copy(update={"mean_mm": mean_mm})
     return other
+
+
+def judged_statement(monkeypatch, *, x=0.1, probability=0.9, left_mm=0.02, torques="masses"):
+    """Return why a direction of gravity with a standard error of 0.02 is not told as wrong.
+
+    Without it the error is 0.03 mm, of which 0.01 mm are noise.
+    """
+    stated = GravityStated("base", True, 6, (0.0, 0.0, -9.81))
+    finding = SimpleNamespace(effect=stated, x=np.array([x, 0.0]), covariance=4e-4 * np.eye(2))
+
+    def leaving(rms_mm):
+        errors = SimpleNamespace(after=SimpleNamespace(rms_mm=rms_mm), noise_rms_mm=0.01)
+        prepared = SimpleNamespace(torques=torques)
+        return SimpleNamespace(findings=(finding,), prepared=prepared, train=errors)
+
+    monkeypatch.setattr(gates, "with_findings", lambda *_: leaving(0.03))
+    likely = SimpleNamespace(probability=probability)
+    monkeypatch.setattr(gates, "with_unknown_cause", lambda *_: likely)
+    return "; ".join(gates._reasons_against_statement(leaving(left_mm), finding))
+
+
+def test_a_statement_that_is_surely_wrong_is_told(monkeypatch):
+    assert judged_statement(monkeypatch) == ""
+    # Logged torques show it, and poses do not.
+    assert judged_statement(monkeypatch, left_mm=0.03, torques="logged") == ""
+
+
+@pytest.mark.parametrize(
+    ("statement", "why_not"),
+    [
+        ({"x": 0.05}, "2.5 standard errors from what is stated"),
+        ({"probability": 0.4}, "other causes are likelier (probability 0.60 together)"),
+        ({"left_mm": 0.025}, "explains less (0.03 mm without it, 0.025 mm with it)"),
+    ],
+    ids=["small", "unlikely", "much_left"],
+)
+def test_a_statement_that_may_be_right_is_not_accused(monkeypatch, statement, why_not):
+    assert why_not in judged_statement(monkeypatch, **statement)
 
 
 def test_a_size_that_is_not_plausible_is_no_name(wave):
