@@ -222,7 +222,7 @@ def _without_unproven_statements(found: Verdict[S]) -> Verdict[S]:
     return found if passed is found else _still_passing(passed)
 
 
-def _reasons_against_statement(found: Verdict, finding: Finding) -> Iterator[str]:
+def _reasons_against_statement(found: Verdict[S], finding: Finding) -> Iterator[str]:
     """Yield why a statement about weights is not told as wrong."""
     std = np.sqrt(np.maximum(np.diag(finding.covariance), np.finfo(float).tiny))
     errors = float(np.abs(finding.x / std).max())
