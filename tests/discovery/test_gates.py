@@ -277,6 +277,19 @@ def test_an_unlikely_effect_of_the_instrument_goes_whatever_held_out_poses_say(m
     assert names(gates._without_unlikely_names(two)) == names(wave.discovery)
 
 
+def test_predictions_hold_that_an_effect_of_the_instrument_may_not_be_there(wave):
+    """Else a wrong one moves base and geometry by many times the uncertainty."""
+    two = beside(wave, ("cmm_squareness", "instrument"))
+    unsure = [
+        replace(each, unknown_probability=0.3) if each.id == "cmm_squareness" else each
+        for each in two.findings
+    ]
+    otherwise = gates.with_other_readings(replace(two, findings=tuple(unsure))).otherwise
+    assert otherwise.probability == pytest.approx(0.3, abs=0.05)
+    assert all(term.id != "cmm_squareness" for term in otherwise.model.model.terms)
+    assert np.abs(otherwise.model.T_instr_base - two.model.T_instr_base).max() > 1e-7
+
+
 def test_what_uncertain_weights_take_up_is_no_comfort(monkeypatch, wave, nothing_hidden):
     """Any term that is there stands for uncertain weights; here the effect lowers the error."""
     assert "the weights may differ from the description" not in "".join(

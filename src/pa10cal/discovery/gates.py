@@ -390,12 +390,13 @@ def with_other_readings(found: Verdict) -> Verdict:
     """Return a verdict whose model knows what it predicts if instrument or log err otherwise.
 
     That is where an effect of the robot and one of the instrument, or of the log, explain the
-    readings alike: predictions hold the first alone. Of several such pairs it is the one whose
-    other member is likeliest.
+    readings alike: predictions hold the first alone. An effect of the instrument that is not sure
+    may not be there, and the geometry is then false that was fitted beside it. Of several such
+    explanations it is the likeliest.
     """
     if not is_sought(found):
         return found
-    pairs = [
+    pairs: list[tuple[float, Finding, Effect | None]] = [
         (probability, finding, other)
         for finding in found.findings
         for other, probability in finding.explanations.named
@@ -404,10 +405,21 @@ def with_other_readings(found: Verdict) -> Verdict:
         and is_named(finding.effect)
         and is_named(other)
     ]
+    pairs += [
+        (may_be_right, finding, None)
+        for finding in found.findings
+        if finding.effect.error_of == "readings"
+        and is_named(finding.effect)
+        and (may_be_right := _readings_may_be_right(finding)) > 1.0 - PROBABILITIES.surely
+    ]
     if not pairs:
         return found
     probability, finding, other = max(pairs, key=lambda pair: pair[0])
-    about = fitted_instead(found, finding, finding.exchanged_for(other))
+    about: Verdict | None
+    if other is None:
+        about = with_findings(found, [one for one in found.findings if one is not finding])
+    else:
+        about = fitted_instead(found, finding, finding.exchanged_for(other))
     if about is None:
         return found
     model = about.scorer.extended.fitted()
@@ -415,6 +427,12 @@ def with_other_readings(found: Verdict) -> Verdict:
         model = with_field(model, found.predicted.fit)
     model = replace(model, covariance=None)
     return replace(found, otherwise=Otherwise(model, probability))
+
+
+def _readings_may_be_right(finding: Finding) -> float:
+    """Return the probability that no error of the instrument is in the place of a finding."""
+    of_readings = [p for effect, p in finding.explanations.named if effect.error_of == "readings"]
+    return 1.0 - sum(of_readings)
 
 
 def _whose_error(effect: Effect) -> str:

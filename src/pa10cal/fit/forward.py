@@ -420,9 +420,12 @@ def _apart_mm(forward: Forward, other: Forward, given: PoseStates, T: Array) -> 
     """Return how far another model is from predictions T (N, 4, 4) of a model, (N,).
 
     Where it depends on directions of arrival that are not given, and the model does not, it is on
-    either side of its prediction.
+    either side of its prediction. Beside a false reading the base is elsewhere, too.
     """
-    apart_m = (other.T_base_frame(other.states(given)) - T)[:, :3, 3]
+    T_other = other.T_base_frame(other.states(given))
+    if any(term.error_of == "readings" for term in forward.whole.model.terms):
+        T_other = np.linalg.inv(forward.whole.T_instr_base) @ other.whole.T_instr_base @ T_other
+    apart_m = (T_other - T)[:, :3, 3]
     own_mm, by_side_mm = (each.unknown_arrival_mm(each.states(given)) for each in (forward, other))
     further_mm2 = np.maximum(by_side_mm**2 - own_mm**2, 0.0)
     return np.asarray(np.sqrt(1e6 * (apart_m**2).sum(axis=1) + further_mm2))
