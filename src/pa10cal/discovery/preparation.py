@@ -290,7 +290,8 @@ def why_hidden(share: float, signal: float) -> str | None:
         share: part of the effect that the model's own parameters cannot follow.
         signal: size of that part at the plausible size of the effect, in standard deviations.
     """
-    if share < CANDIDATES.least_share:
+    clear = signal >= CANDIDATES.clear_signal
+    if share < (CANDIDATES.clear_share if clear else CANDIDATES.least_share):
         return f"{100 * share:.1f} % remains beside the model's own parameters"
     if signal * CANDIDATES.largest_sizes < CANDIDATES.least_signal:
         return "ten times its plausible size would not rise above the noise"

@@ -32,8 +32,7 @@ class Noise:
     # least share of repeats among the readings with which repeats judge, where blocks could be held
     # out instead (trials)
     least_repeated_share: float = 0.25
-    # least share of the readings that counts as degrees of freedom of the residuals (chosen)
-    least_left_share: float = 0.5
+    least_left_share: float = 0.5  # least degrees of freedom of residuals, of readings (chosen)
     # ratio of repeats from any side to those from one side from which on all are compared (trials)
     any_side_ratio: float = 2.0
     same_pose: float = 2e-3  # poses nearer than this in every joint count as one [rad, m] (size)
@@ -47,8 +46,7 @@ class Noise:
     reweighted: int = 2  # rounds in which scatter and weights are estimated in turn (computing)
     # least torques a fitted column with which their scatter is their noise (statistics)
     torques_a_weight: int = 2
-    # scatter of normal deviates over the median of their sizes (statistics)
-    median_to_sigma: float = 1.0 / float(ndtri(0.75))
+    median_to_sigma: float = 1.0 / float(ndtri(0.75))  # of normal deviates (statistics)
     huber_tail: float = 1e-3  # share of undisturbed poses that weigh less than fully (level)
     least_shrink: float = 1e-3  # least factor by which stated uncertainties are reduced (size)
     enough_poses: int = 1500  # poses that suffice for the scatter of joints (computing)
@@ -68,8 +66,7 @@ class Judging:
     most_carriers: int = 3
     # a name rests on one pose if less than this part of its evidence remains without it (trials)
     carried_share: float = 0.5
-    # largest standard uncertainty of an identified parameter, over its possible size (trials)
-    identified_share: float = 1.0 / 3.0
+    identified_share: float = 1.0 / 3.0  # largest u of what is identified, in its size (trials)
     gap_level: float = 0.95  # probability of the interval of the gap's reduction (level)
     # errors over noise from which on something is missing, where nothing was found (trials)
     more_than_noise: float = 1.15
@@ -81,6 +78,9 @@ class Candidates:
 
     # least part of an effect that the model's own parameters cannot follow (trials)
     least_share: float = 0.02
+    # the same of an effect whose part is clear: much less is imitated by wrong geometry (trials)
+    clear_share: float = 0.005
+    clear_signal: float = 40.0  # such a part at plausible size [standard deviations] (trials)
     # least size of that part, for the largest plausible effect [standard deviations] (statistics)
     least_signal: float = 4.0
     largest_sizes: float = 10.0  # largest plausible size over the usual one (size)

@@ -49,6 +49,19 @@ class NearlyConstant(MadeUp):
         return 1.0 + 1e-3 * super().shape(states)
 
 
+class LargeNearlyConstant(MadeUp):
+    """Of which 1 % is no zero of the joint, and that is plain to see."""
+
+    plausible: ClassVar[float] = 1e-2
+
+    def shape(self, states):
+        return 1.0 + 1.5e-2 * super().shape(states)
+
+
+class SmallNearlyConstant(LargeNearlyConstant):
+    plausible: ClassVar[float] = 1e-3
+
+
 class Tiny(MadeUp):
     plausible: ClassVar[float] = 1e-9
 
@@ -144,7 +157,7 @@ class TestTestable:
         assert len(shown) + len(refused) == len(effects)
         return shown, {entry.effect: entry for entry in refused}
 
-    @pytest.mark.parametrize("kind", [Constant, NearlyConstant])
+    @pytest.mark.parametrize("kind", [Constant, NearlyConstant, SmallNearlyConstant])
     def test_what_the_poses_show_is_testable_and_what_the_model_absorbs_is_not(self, null, kind):
         shown, refused = self.divide(null, kind("joint 2"), MadeUp("joint 2"))
         assert shown == (MadeUp("joint 2"),)
@@ -153,6 +166,10 @@ class TestTestable:
         assert rest == "remains beside the model's own parameters"
         assert float(left) < 100.0 * CANDIDATES.least_share
         assert entry.by_these_poses
+
+    def test_a_smaller_part_suffices_where_it_is_clear_of_the_noise(self, null):
+        shown, _ = self.divide(null, LargeNearlyConstant("joint 2"))
+        assert shown == (LargeNearlyConstant("joint 2"),)
 
     @pytest.mark.parametrize(
         ("effect", "why", "by_these_poses"),
