@@ -9,12 +9,13 @@ import pytest
 from made_up_arm import TARGET_NOISE_M
 from made_up_poses import shifted
 from made_up_survey import POSITION_M, observe
+from pa10cal.discovery import in_time
 from pa10cal.discovery.blocked_cv.by_blocks import discover_by_blocks
 from pa10cal.discovery.gross_errors import moved_between_repeats
 from pa10cal.discovery.in_time import in_time_of
 from pa10cal.discovery.model_with_effects import with_base_motion
 from pa10cal.discovery.noise import same_circumstances
-from pa10cal.discovery.nuisances import motion_unexplained
+from pa10cal.discovery.nuisances import NO_MOTION, Wander, motion_unexplained
 from pa10cal.discovery.pose_scatter import unweighted
 from pa10cal.discovery.preparation import Prepared
 from pa10cal.terms.effects.effect import candidates
@@ -167,6 +168,23 @@ def test_a_step_over_a_night_is_neither_a_drift_nor_growth(small):
     assert found.effects == ()
     assert found.scorer.survey.wander.jumps[0].pause
     assert "in a pause of 12 h, at once or in the course of it" in fault.what
+
+
+def test_few_repeats_leave_the_noise_what_the_parameters_leave(small, monkeypatch):
+    poses = small.survey.poses
+    pose, arrival = poses.pose.copy(), poses.states.arrival.copy()
+    pose[1], arrival[1] = pose[0], arrival[0]  # else no error that readings share is tried
+    poses = replace(poses.with_states(replace(poses.states, arrival=arrival)), pose=pose)
+    noise = []
+
+    def estimated(rows, *, walks):
+        del walks
+        noise.append(rows.about(Wander(rows.times_s, ())).noise_scale)
+        return NO_MOTION
+
+    monkeypatch.setattr(in_time, "_motion_in", estimated)
+    shown(small, poses)
+    assert noise == pytest.approx([1.0], abs=0.1)
 
 
 @pytest.mark.parametrize("why", ["time goes with place", "time was not recorded"])

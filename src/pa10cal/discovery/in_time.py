@@ -30,7 +30,7 @@ from pa10cal.discovery.nuisances import (
 )
 from pa10cal.discovery.position_errors import position_error_mm, position_noise_m2
 from pa10cal.discovery.preparation import why_unknown
-from pa10cal.discovery.rules import CANDIDATES, MOTION
+from pa10cal.discovery.rules import CANDIDATES, MOTION, NOISE
 from pa10cal.discovery.target_wander import rows_in_time, target_wander
 from pa10cal.discovery.tuning import none_and_spaced
 from pa10cal.fit.fitted_model import FittedModel
@@ -151,6 +151,7 @@ class _TimedRows:
         walk = Wander(self.times_s, (), walk_m=1.0)
         self._walk = motions_along(self._white, walk.courses(self.time_s))
         self._products: dict[tuple[float, ...], list[Gaussian]] = {}
+        self._free: dict[tuple[float, bool], list[float]] = {}
         # The expected size of effects, in units of the plausible one, is the likeliest one.
         self._effect_size, self._with_time = 1.0, True
         nats, still = [], Wander(self.times_s, ())
@@ -237,6 +238,7 @@ class _TimedRows:
     def _scan(self, tried: list[Jump], wander: Wander) -> tuple[Array, list[tuple[float, float]]]:
         """Return the greatest log evidence with each jump, (J,), and the size and turn with it."""
         reduced = self._reduced((*wander.jumps, *tried), keep=False)
+        free = self._free_components()
         at = self._places(wander, between=len(tried))
         tried_sizes = list(product(MOTION.jumps_m, MOTION.turns_rad_per_m))
         sizes_of_step = np.array([sizes_of_motions(*each) for each in tried_sizes])
@@ -250,7 +252,7 @@ class _TimedRows:
             )
             sized = each_step.for_each(sizes_of_step)
             nats[:, column], _ = self._log_evidence(
-                sized.residual_squares, sized.log_det + sized.log_precision
+                sized.residual_squares, sized.log_det + sized.log_precision, free[column]
             )
         of_jump = nats.reshape(len(tried), -1)
         best = of_jump.argmax(axis=1).tolist()
@@ -260,23 +262,46 @@ class _TimedRows:
         """Return the evidence of a motion at the best variance of the shared error."""
         at = self._places(wander)
         best = _Likelihood(-np.inf, Gaussian.none(0), 1.0)
-        for motions in reduced or self._reduced(wander.jumps):
+        reduced = reduced or self._reduced(wander.jumps)
+        for motions, free in zip(reduced, self._free_components(), strict=True):
             courses = motions.along(at).in_sizes(wander.sizes)
             alone = courses.without(np.arange(courses.unknowns))
-            nats, variance = self._log_evidence(np.array(alone.squares), np.array(alone.log_det))
+            nats, variance = self._log_evidence(
+                np.array(alone.squares), np.array(alone.log_det), free
+            )
             if nats > best.nats:
                 best = _Likelihood(float(nats), courses, float(np.sqrt(variance)))
         return best
 
-    def _log_evidence(self, squares: Array, log_det: Array) -> tuple[Array, Array]:
+    def _log_evidence(self, squares: Array, log_det: Array, free: float) -> tuple[Array, Array]:
         """Return the log evidence at the likeliest variance of whitened rows, and the variance.
 
         Args:
             squares, log_det: (...) of models whose unknowns are all integrated out.
+            free: components that the held columns leave.
         """
-        variance = np.maximum(squares / self._seen, MOTION.least_noise_share**2)
-        logarithm = self._seen * np.log(variance) + squares / variance
+        variance = np.maximum(squares / free, MOTION.least_noise_share**2)
+        logarithm = free * np.log(variance) + squares / variance
         return -0.5 * (logarithm + log_det), variance
+
+    def _free_components(self) -> list[float]:
+        """Return the components that held columns leave, for each variance of the shared error.
+
+        What parameters and effects amount to does not depend on the noise: else less noise, with an
+        error that readings share in its place, would make them smaller and so likelier.
+        """
+        key = self._effect_size, self._with_time
+        if key not in self._free:
+            products = self._products[()] = self._products.get(()) or self._multiplied(())
+            held, sizes = np.arange(sum(self._widths)), self._held_sizes()
+            taken = [of_all.along(held).in_sizes(sizes).determined for of_all in products]
+            least = NOISE.least_left_share * self._seen
+            self._free[key] = [max(self._seen - each, least) for each in taken]
+        return self._free[key]
+
+    def _held_sizes(self) -> Array:
+        """Return the expected sizes of the held columns, (k,), of effects of time or zero."""
+        return np.repeat([1.0, self._effect_size, float(self._with_time)], self._widths)
 
     def _places(self, wander: Wander, between: int = 0) -> Index:
         """Return the columns of jumps and walk where more jumps are tried between them."""
@@ -294,7 +319,7 @@ class _TimedRows:
         if keep:
             self._products[key] = products
         sizes, held = np.ones(products[0].unknowns), np.arange(sum(self._widths))
-        sizes[held] = np.repeat([1.0, self._effect_size, float(self._with_time)], self._widths)
+        sizes[held] = self._held_sizes()
         return [of_all.in_sizes(sizes).without(held) for of_all in products]
 
     def _multiplied(self, jumps: tuple[Jump, ...]) -> list[Gaussian]:

@@ -117,6 +117,11 @@ class Gaussian:
         products = self.products[np.ix_(others, others)] - explained.T @ explained
         return Gaussian(products, self.log_det + float(_log_det(lower)))
 
+    @property
+    def determined(self) -> float:
+        """Return how many unknowns the rows determine: the trace of (G + I)^-1 G."""
+        return self.unknowns - float(np.trace(cho_solve((self.lower, True), np.eye(self.unknowns))))
+
     @cached_property
     def lower(self) -> Array:
         """Return the lower factor of the posterior precision G + I, (k, k)."""
