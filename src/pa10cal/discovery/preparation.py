@@ -18,7 +18,7 @@ from pa10cal.campaign.description import CampaignDescription
 from pa10cal.discovery.finding import Untestable
 from pa10cal.discovery.log_faults import DiagnosedFault, faults_of_input
 from pa10cal.discovery.row_faults import held_out_faults, row_faults
-from pa10cal.discovery.rules import CANDIDATES
+from pa10cal.discovery.rules import CANDIDATES, MAPS, NOISE
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import TorqueSource, statics_of, with_torques
@@ -28,6 +28,7 @@ from pa10cal.observe.observations import Observations, average_repeats, reading_
 from pa10cal.observe.quantities import MM
 from pa10cal.options import DiscoveryOptions
 from pa10cal.terms.effects.effect import CandidateContext, Effect, candidates
+from pa10cal.terms.effects.joint_error_map import is_error_map
 from pa10cal.terms.joint_spring import is_spring
 from pa10cal.terms.model import Model
 from pa10cal.terms.term import Term, shows_torque
@@ -296,3 +297,28 @@ def why_hidden(share: float, signal: float) -> str | None:
     if signal * CANDIDATES.largest_sizes < CANDIDATES.least_signal:
         return "ten times its plausible size would not rise above the noise"
     return None
+
+
+def why_few_angles(effect: Effect, states: PoseStates) -> str | None:
+    """Return why a joint took too few angles for a map of its errors; None where it did not.
+
+    On a grid, where most angles are those of several poses, held-out poses stand at the angles of
+    others: nothing shows what a map does between them, and as many numbers as there are angles are
+    a map of any joint that moves with this one. Other effects need no such number of angles.
+
+    Args:
+        effect: any effect; of a map its knots count.
+        states: of the poses, (P,), repeats included or not.
+    """
+    if not is_error_map(effect):
+        return None
+    poses = np.unique(np.round(states.q_rad / NOISE.same_pose), axis=0)
+    angles, poses_at = np.unique(poses[:, effect.joint - 1], return_counts=True)
+    if np.median(poses_at) < 2:
+        return None
+    turns = NOISE.same_pose * float(np.ptp(angles)) / (2.0 * np.pi)
+    # A cubic spline has three freedoms more than intervals between knots; a periodic one has none.
+    freedoms = min(effect.knots * turns + 3.0, float(effect.knots))
+    if len(angles) >= MAPS.angles_a_freedom * freedoms:
+        return None
+    return f"the joint took {len(angles)} angles, too few to show what it does between them"

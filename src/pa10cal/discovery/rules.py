@@ -189,12 +189,13 @@ class Maps:
     fine_knots: int = 72  # knots a turn of a map that follows ten waves and more (size)
     # knots a turn tried once it is known which joints have a map (trials)
     finer_knots: tuple[int, ...] = (216, 360)
+    # least angles of a joint for each freedom of a map over their range, on a grid (statistics)
+    angles_a_freedom: float = 1.5
     weighing_knots: int = 72  # knots of the maps by which poses are weighed (computing)
     # their size and the order at which half as much is expected [rad] (size)
     weighing_prior: tuple[float, float] = (1e-4, 10.0)
     reweighted: int = 2  # times that poses are weighed anew (computing)
-    # part of the readings that what is fitted may take up: what is left of more says little of
-    # noise (statistics)
+    # part of the readings that a fit may take up: beyond, little is left of the noise (statistics)
     most_taken_share: float = 0.6
     # highest order that decides about a spectrum, in cycles a turn: beyond is the floor (trials)
     highest_band: int = 107
@@ -211,8 +212,7 @@ class Maps:
     angles_a_turn: int = 360  # angles at which errors of two campaigns are compared (computing)
     compared_poses: int = 10  # poses near an angle by which a campaign visited it (trials)
     compared_within_deg: float = 1.5  # so near [deg] (trials)
-    # arc left out at a time for the interval of their agreement [deg] (trials)
-    compared_arc_deg: float = 7.5
+    compared_arc_deg: float = 7.5  # arc left out for the interval of agreement [deg] (trials)
     compared_arcs: int = 3  # arcs without which there is no interval (statistics)
 
 

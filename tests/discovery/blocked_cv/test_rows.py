@@ -13,6 +13,7 @@ from mended import write_simulated
 from pa10cal.discovery.blocked_cv.block_rows import BlockedRows, ShapedEffect, weighted_rows
 from pa10cal.discovery.blocked_cv.effect_set import Columns
 from pa10cal.discovery.blocked_cv.family import below_detection_limit, computable_shapes, family
+from pa10cal.discovery.blocked_cv.linear_fit import made_finer
 from pa10cal.discovery.blocked_cv.normal_equations import (
     in_map_bases,
     map_columns,
@@ -145,6 +146,33 @@ def test_the_family_has_every_map_in_every_form_and_says_what_it_lacks(few):
     assert len(maps) == 6 * 9
     assert {each.effect.of for each in maps} == {f"joint {joint}" for joint in range(1, 7)}
     assert ("joint_compliance", "joint 1") in {(e.effect.id, e.effect.of) for e in found.hidden}
+
+
+def at_angles(survey, joint, angles):
+    """Return a survey whose poses have a joint at so few angles around the turn, in turn."""
+    poses = survey.poses
+    q_rad = poses.states.q_rad.copy()
+    q_rad[:, joint - 1] = 2.0 * np.pi * (np.arange(len(poses)) % angles) / angles
+    return replace(survey, poses=poses.with_states(replace(poses.states, q_rad=q_rad)))
+
+
+def test_no_map_is_sought_of_a_joint_that_a_grid_has_at_few_angles(few):
+    survey = at_angles(few, 3, 4)
+    rows = BlockedRows(survey, unweighted(survey.poses.measured), (), 144)
+    found = family(rows, rows.normal_equations())
+    assert {each.effect.of for each in found.shown} == {f"joint {k}" for k in (1, 2, 4, 5, 6)}
+    (hidden,) = found.hidden
+    assert hidden.effect == JointErrorMap("joint 3")
+    assert hidden.why == "the joint took 4 angles, too few to show what it does between them"
+
+
+def test_a_map_has_no_more_knots_than_the_angles_of_a_grid_show(few):
+    fine = ShapedEffect(JointErrorMap("joint 3", 144, FadingPrior(1e-4, 25.0)))
+    for survey, knots in ((few, 216), (at_angles(few, 3, 40), 144)):
+        rows = BlockedRows(survey, unweighted(survey.poses.measured), (), 144)
+        assert made_finer(rows, fine, 216).effect.knots == knots
+    coarse = ShapedEffect(JointErrorMap("joint 3", 72, FadingPrior(1e-4, 10.0)))
+    assert made_finer(rows, coarse, 216) is coarse
 
 
 def test_a_gain_of_logged_torques_is_taken_up_by_the_springs_that_take_the_log(few):

@@ -17,6 +17,7 @@ from pa10cal.discovery.rules import CANDIDATES
 from pa10cal.observe.kinds import instruments
 from pa10cal.terms.effects.effect import JointEffect
 from pa10cal.terms.effects.joint import TransmissionError
+from pa10cal.terms.effects.joint_error_map import JointErrorMap
 from pa10cal.terms.term import TermParameter
 
 
@@ -211,6 +212,23 @@ class TestTestable:
         assert "moments of the weights" in why["link_bending"]
         assert why["friction_torque"] == "the torques of the weights are not known"
         assert not any(entry.by_these_poses for entry in refused)
+
+    @pytest.mark.parametrize(("angles", "is_shown"), [(6, False), (12, False), (24, True)])
+    def test_a_map_of_a_joint_needs_enough_angles_of_a_grid(self, null, angles, is_shown):
+        # Joints 4, 5 and 6 take as many values each: any so many numbers are a map of any of them.
+        states = null.problem.cells.states
+        q_rad = states.q_rad.copy()
+        attitude = np.arange(len(q_rad)) * angles // len(q_rad)
+        for joint in (3, 4, 5):
+            around = 2.0 * np.pi * np.random.default_rng(joint).permutation(angles) / angles
+            q_rad[:, joint] = around[attitude]
+        cells = replace(null.problem.cells, states=replace(states, q_rad=q_rad))
+        problem = replace(null.problem, cells=cells)
+        maps = tuple(JointErrorMap(f"joint {joint}") for joint in (4, 5, 6))
+        shown, refused = split_testable(problem, null.start, maps)
+        assert shown == (maps if is_shown else ())
+        why = f"the joint took {angles} angles, too few to show what it does between them"
+        assert {(entry.why, entry.by_these_poses) for entry in refused} <= {(why, True)}
 
 
 def test_a_tracker_has_one_scale_and_a_machine_that_touches_three(null):

@@ -18,7 +18,7 @@ from pa10cal.discovery.blocked_cv.effect_set import Candidate, Columns
 from pa10cal.discovery.blocked_cv.normal_equations import BlockEquations
 from pa10cal.discovery.blocked_cv.survey import Survey
 from pa10cal.discovery.finding import Untestable
-from pa10cal.discovery.preparation import computable, sought, why_hidden
+from pa10cal.discovery.preparation import computable, sought, why_few_angles, why_hidden
 from pa10cal.discovery.rules import BLOCKS, MAPS
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.numerics.periodic_spline import harmonic_orders
@@ -149,7 +149,7 @@ def _why_hidden(
         return _why_zero(rows.survey.poses.states, candidate.shaped)
     share = float(np.sqrt(max(np.trace(distinct), 0.0) / np.trace(whole)))
     signal = float(np.sqrt(max(np.linalg.eigvalsh(distinct)[-1], 0.0)))
-    return why_hidden(share, signal)
+    return why_hidden(share, signal) or why_few_angles(candidate.effect, rows.survey.poses.states)
 
 
 def _why_zero(states: PoseStates, shaped: ShapedEffect) -> str:

@@ -20,6 +20,7 @@ from pa10cal.discovery.blocked_cv.effect_set import as_good
 from pa10cal.discovery.blocked_cv.normal_equations import solve, summed
 from pa10cal.discovery.blocked_cv.survey import Survey
 from pa10cal.discovery.position_errors import position_error_mm
+from pa10cal.discovery.preparation import why_few_angles
 from pa10cal.discovery.rules import BLOCKS, MAPS
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.numerics.periodic_spline import b_splines_by_knots
@@ -66,9 +67,9 @@ def refine_maps(rows: BlockedRows, members: tuple[ShapedEffect, ...]) -> LinearF
     """Fit members, with the finest maps of the search made finer while held-out blocks gain."""
     best, squares = _fit_and_held_out_squares(rows, members)
     for knots in MAPS.finer_knots:
-        if not any(_is_finest(member) for member in members):
+        finer = tuple(made_finer(rows, member, knots) for member in members)
+        if finer == best.members:
             break
-        finer = tuple(with_form(each, knots) if _is_finest(each) else each for each in members)
         ahead, finer_squares = _fit_and_held_out_squares(rows, finer)
         if as_good(squares, finer_squares):
             break
@@ -187,7 +188,11 @@ def _parameters(shaped: ShapedEffect, amounts: Array) -> Array:
     return x
 
 
-def _is_finest(member: ShapedEffect) -> bool:
-    """Return whether a member is a map at least as fine as the finest of the search."""
+def made_finer(rows: BlockedRows, member: ShapedEffect, knots: int) -> ShapedEffect:
+    """Return a map as fine as the finest of the search with more knots, if the angles suffice."""
     effect = member.effect
-    return is_error_map(effect) and effect.knots >= MAPS.spacings[-1][0]
+    if not is_error_map(effect) or effect.knots < MAPS.spacings[-1][0]:
+        return member
+    finer = with_form(member, knots)
+    too_few = why_few_angles(finer.effect, rows.survey.poses.states)
+    return member if too_few else finer

@@ -19,7 +19,7 @@ from pa10cal.discovery.evidence.likelihood import CandidateRows, LinearisedCandi
 from pa10cal.discovery.evidence.problem import EvidenceProblem
 from pa10cal.discovery.finding import Untestable
 from pa10cal.discovery.jacobians import by_target_distortion, ideal_by_end
-from pa10cal.discovery.preparation import computable, why_hidden
+from pa10cal.discovery.preparation import computable, why_few_angles, why_hidden
 from pa10cal.discovery.rules import EVIDENCE
 from pa10cal.discovery.tuning import COMPUTING
 from pa10cal.fit.problem import possible_sizes
@@ -140,6 +140,7 @@ def split_testable(
             share = max(share, float(of_torque))
             signal = float(np.hypot(signal, np.linalg.norm(rows.torque_distinct, 2)))
         why = why_silent if signal == 0.0 else why_hidden(share, signal)
+        why = why or why_few_angles(effect, states)
         if why is None:
             shown.append(effect)
         else:

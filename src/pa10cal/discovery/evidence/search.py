@@ -18,7 +18,7 @@ from pa10cal.discovery.evidence.noise_model import SharedVariances
 from pa10cal.discovery.evidence.problem import EvidenceProblem, prepare
 from pa10cal.discovery.jacobians import WhitenedPoses
 from pa10cal.discovery.noise import whitener_of
-from pa10cal.discovery.preparation import effects_in
+from pa10cal.discovery.preparation import effects_in, why_few_angles
 from pa10cal.discovery.proof import needed_nats
 from pa10cal.discovery.residual_candidates import gear_lines
 from pa10cal.discovery.rules import EVIDENCE, LINES, MAPS
@@ -311,12 +311,13 @@ def _with_fine_maps(ended: EndOfSearch, error_rate: float, start: EvidenceFit) -
         return ended
     knots, half_order = MAPS.spacings[0]
     spectrum = FadingPrior(MAPS.sizes_rad[-1], half_order)
-    family = tuple(
-        replace(each, knots=knots, spectrum=spectrum)
-        if is_error_map(each) and each.of in places
-        else each
-        for each in ended.family
-    )
+    maps = [each for each in ended.family if is_error_map(each) and each.of in places]
+    states = ended.problem.cells.states
+    fine: dict[Effect, Effect] = {}
+    for each in maps:
+        finer = replace(each, knots=knots, spectrum=spectrum)
+        fine[each] = each if why_few_angles(finer, states) else finer
+    family = tuple(fine.get(each, each) for each in ended.family)
     crowded = {place for place in places if count[place] > 1}
     without_lines = tuple(e for e in family if not (e.of in crowded and _may_be_of_map(e)))
     if crowded:
