@@ -137,6 +137,24 @@ def test_base_and_tool_are_enough_for_the_same_arm(still):
     assert base_motion_line(still.parts or ()) == ""
 
 
+def test_a_tool_that_is_not_stated_is_that_of_the_models_campaign(carried, still):
+    model, every, setup = carried
+    every = every.with_states(
+        replace(every.states, tau_Nm=np.full_like(every.states.tau_Nm, np.nan))
+    )
+    heavy = replace(setup.payload, mass_kg=20.0)
+    light = replace(setup.payload, mass_kg=0.0, known=False)
+
+    def judged(payload):
+        models = {"linear": replace(model, payload=heavy)}
+        there = replace(setup, payload=payload)
+        return transfer_record(CAMPAIGN, "a", Evaluation(every, models, None, there))
+
+    rms_mm = judged(heavy).models["linear"].rms_mm
+    assert judged(light).models["linear"].rms_mm == pytest.approx(rms_mm, rel=1e-9)
+    assert abs(judged(replace(light, known=True)).models["linear"].rms_mm - rms_mm) > 1e-3
+
+
 def test_a_base_for_every_part_brings_back_what_the_model_is_worth(still, in_parts):
     rms_mm = still.models["linear"].rms_mm
     assert in_parts.models["linear"].rms_mm < 1.1 * rms_mm

@@ -43,6 +43,9 @@ class RefittedModel:
     every: Observations  # single readings of the campaign
     poses: Observations  # its calibration poses, averaged, with all that the model's terms read
     rms_mm: float  # error of the model in these poses
+    # what is known of the campaign besides, with the payload of the model: that has the tool of
+    # before where the campaign does not state its own
+    setup: MeasurementSetup
 
 
 def with_frames_refitted(
@@ -57,18 +60,21 @@ def with_frames_refitted(
     """
     logged = bool(np.isfinite(every.states.tau_Nm).all())
     model = with_tool_of(model, setup.payload, logged=logged)
+    if setup.payload is not None:
+        setup = replace(setup, payload=model.payload)
     poses = poses_for_model(every, "grid", model, setup, cuts_s)
     refitted = refit_frames(model, poses, cuts_s)
-    return RefittedModel(refitted, every, poses, summarise(refitted.deviations(poses)).rms_mm)
+    rms_mm = summarise(refitted.deviations(poses)).rms_mm
+    return RefittedModel(refitted, every, poses, rms_mm, setup)
 
 
-def base_steps_s(refitted: RefittedModel, setup: MeasurementSetup) -> tuple[float, ...]:
+def base_steps_s(refitted: RefittedModel) -> tuple[float, ...]:
     """Return the times [s] at which instrument or base moved suddenly, to divide a campaign at.
 
     Empty where the search in time finds no certain step, where rows are not in order of time, and
     for a group, each of whose campaigns has its own base.
     """
-    model = refitted.model
+    model, setup = refitted.model, refitted.setup
     readings = refitted.every.of_kind("grid").turned(model.R_ee_target)
     if readings.measured.campaigns or not len(readings):
         return ()

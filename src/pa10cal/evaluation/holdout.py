@@ -124,7 +124,7 @@ class Evaluation:
             seen = self.extended.seen or seen
 
         def errors(each: RefittedModel) -> results.HeldOutModel:
-            poses = poses_for_model(each.every, "holdout", each.model, self.setup, cuts_s)
+            poses = poses_for_model(each.every, "holdout", each.model, each.setup, cuts_s)
             beyond = None if seen is None else ~seen.inside(poses.states.q_rad)
             return held_out_errors(each.model, poses, beyond)
 
@@ -210,7 +210,7 @@ def transfer_record(
     if evaluation.has_held_out:
         carried = evaluation.judge_carried()
         errors = carried.errors
-        cuts_s = base_steps_s(carried.last, evaluation.setup)
+        cuts_s = base_steps_s(carried.last)
         if cuts_s:
             with suppress(CalibrationError):
                 in_parts = evaluation.judge_carried(cuts_s)

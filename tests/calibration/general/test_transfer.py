@@ -25,9 +25,11 @@ from pa10cal.calibration.general.refit_frames import (
 from pa10cal.calibration.general.unknowns import choose_unknowns
 from pa10cal.errors import CalibrationError
 from pa10cal.files.arms import load_arm
+from pa10cal.fit.fitted import FallBack
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import with_torques
 from pa10cal.fit.uncertain_weights import with_uncertain_weights
+from pa10cal.fit.validity import nothing_seen
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.points import Points
 from pa10cal.observe.pose import Pose
@@ -102,9 +104,41 @@ def test_weights_of_the_arm_go_along_and_the_tool_is_the_campaigns(found):
 
 def test_a_tool_that_is_not_stated_is_the_one_of_before(found):
     first, _ = found
-    carried = with_tool_of(first, replace(SECOND, mass_kg=0.0, known=False))
+    not_stated = Payload(0.0, np.zeros(3), np.array([0.0, 0.0, 0.2]), -DOWN, known=False)
+    carried = with_tool_of(first, not_stated)
     value = dict(zip((p.name for p in carried.model.parameters), carried.x, strict=True))
     assert value["weight_tool_mass"] == OF_TOOL["weight_tool_mass"]
+    assert value["weight_level_1"] == 0.0
+    there = replace(FIRST, load_point_m=not_stated.load_point_m, gravity_m_s2=-DOWN)
+    poses = measured(weighing(there, OF_ARM | OF_TOOL), there, 9)
+    assert left_mm(carried, poses) < 1e-5
+    # So it is without any uncertain weights, and in each campaign of a group.
+    springy = on_springs("ur10", STIFFNESS, SECOND, {"delta_a_2"})
+    group = replace(not_stated, of_campaigns=(not_stated, FIRST))
+    carried = with_tool_of(springy, group)
+    assert [each.mass_kg for each in carried.payload.of_campaigns] == [6.0, 1.5]
+    there = replace(SECOND, load_point_m=not_stated.load_point_m, gravity_m_s2=-DOWN)
+    assert left_mm(with_tool_of(springy, not_stated), measured(springy, there, 9)) < 1e-5
+
+
+def test_errors_of_the_targets_of_before_are_not_those_of_another_instrument(found):
+    first, _ = found
+    by_balls = replace(first, targets_off_m=np.full(9, 1e-4), target_names=("A", "B", "C"))
+    poses = measured(first, FIRST, 10)
+    assert left_mm(by_balls, poses) < 1e-5
+    there = refit_frames(by_balls, by_balls.as_modelled(poses))
+    assert there.target_names == ()
+    assert len(there.targets_off_m) == 0
+
+
+def test_why_effects_do_not_hold_everywhere_goes_along(found):
+    first, _ = found
+    apart = replace(first, falls_back=FallBack(nothing_seen(ARM.n), first, "held-out poses err"))
+    carried = with_tool_of(apart, SECOND)
+    poses = carried.as_modelled(measured(weighing(SECOND, OF_ARM), SECOND, 5))
+    there = refit_frames(carried, poses)
+    assert carried.falls_back.why == there.falls_back.why == apart.falls_back.why
+    assert there.falls_back.model.payload.mass_kg == SECOND.mass_kg
 
 
 def test_logged_torques_have_all_weights_in_them(found):

@@ -22,7 +22,7 @@ from pa10cal.calibration.general.problem import with_unknown_frames
 from pa10cal.calibration.general.unknowns import ChosenUnknowns, choose_unknowns
 from pa10cal.calibration.rules import GROUPS
 from pa10cal.errors import CalibrationError
-from pa10cal.fit.fitted import FallBack, Fitted
+from pa10cal.fit.fitted import Fitted
 from pa10cal.fit.problem import Problem
 from pa10cal.fit.uncertain_weights import weight_sizes
 from pa10cal.observe.observations import Observations
@@ -31,7 +31,7 @@ from pa10cal.options import Tolerances
 from pa10cal.terms.model import Model
 from pa10cal.terms.offsets import Offsets, is_tool, motion_of_base
 from pa10cal.terms.term import Term
-from pa10cal.terms.weights import Weights, WeightSizes, holds_weights
+from pa10cal.terms.weights import Weights, holds_weights
 from pa10cal.terms.wrapped import OfPart, about_moved_base, fixed
 
 F = TypeVar("F", bound=Fitted)
@@ -110,6 +110,12 @@ def refit_frames(model: F, observations: Observations, cuts_s: Sequence[float] =
     terms = (*arm_terms, *unknowns.frames)
     x_terms = np.concatenate([model.x[model.model.parameter_indices(*arm_terms)], x_frames])
     falls_back = model.falls_back
+    if falls_back is not None:
+        of_fall_back = refit_frames(falls_back.model, observations, cuts_s)
+        falls_back = replace(falls_back, model=of_fall_back)
+    # What remains is of the arm, or of the campaign in which it was calibrated: payload, joint
+    # positions seen, discrepancy, grade. Errors of an apparatus' targets (`targets_off_m`) are of
+    # that campaign's readings; the fit of the frames did not correct for them.
     return replace(
         model,
         model=Model(chain, terms),
@@ -119,9 +125,9 @@ def refit_frames(model: F, observations: Observations, cuts_s: Sequence[float] =
         R_ee_target=start.R_ee_target,
         R_first_target_of=observations.measured.R_first_target_of,
         targets_m=found.problem.places_at(x),
-        falls_back=None
-        if falls_back is None
-        else FallBack(falls_back.within, refit_frames(falls_back.model, observations, cuts_s)),
+        target_names=observations.measured.target_names,
+        targets_off_m=np.zeros(0),
+        falls_back=falls_back,
         otherwise=None,
     )
 
@@ -260,65 +266,98 @@ def _normal_rows_of_refitted(
 def with_tool_of(model: F, payload: Payload | None, *, logged: bool = False) -> F:
     """Return a calibrated model with what the arm carries in another campaign.
 
-    Weights of the links that were fitted stay. Those of the tool belong to a campaign: they are
-    taken from the other one if it states its tool, else those of the model's own campaign are the
-    best guess. The first moments of the last link and of the tool were fitted as one number, which
-    is divided by their variances. The direction of gravity in the base frame is that of the new
-    base. Logged torques contain all weights, so fitted ones are dropped.
+    Weights of the links that were fitted stay. Those of the tool belong to a campaign: if the other
+    one states its tool, they are taken from there; if not, the tool of the model's own campaign is
+    the best guess, as described and fitted there. Gravity is always that of the other campaign.
+    Logged torques contain all weights, so fitted ones are dropped.
 
     Args:
-        payload: what the arm carries there; None where it is not known.
+        payload: what the arm carries there; None where nothing is known of it, gravity included:
+            then weights and payload stay as they are.
         logged: whether torques are logged there.
+
+    Returns:
+        The model; its `payload` is what to calculate torques with in the other campaign.
     """
     if logged:
         model = model.only(*(term for term in model.model.terms if not holds_weights(term)))
     falls_back = model.falls_back
     if falls_back is not None:
         of_fall_back = with_tool_of(falls_back.model, payload, logged=logged)
-        model = replace(model, falls_back=FallBack(falls_back.within, of_fall_back))
+        model = replace(model, falls_back=replace(falls_back, model=of_fall_back))
     if payload is None:
         return model
-    before = None if model.payload is None else weight_sizes(model.arm, model.payload)
-    there = weight_sizes(model.arm, payload)
     x, covariance = model.x.copy(), model.covariance
     for term in filter(holds_weights, model.model.terms):
         columns = model.model.parameter_indices(term)
-        kept, added_variance = _kept_by_arm(term, before, there, payload)
-        x[columns] *= kept
+        kept_share, added_variance = _kept_weights(term, model, payload)
+        x[columns] *= kept_share
         if covariance is not None:
             shrink = np.ones(len(covariance))
-            shrink[columns] = kept
+            shrink[columns] = kept_share
             covariance = covariance * np.outer(shrink, shrink)
             covariance[columns, columns] += added_variance
+    payload = _with_tool_of_before(payload, model.payload)
     return replace(model, x=x, covariance=covariance, payload=payload)
 
 
-def _kept_by_arm(
-    term: Weights, before: WeightSizes | None, there: WeightSizes, payload: Payload
-) -> tuple[Array, Array]:
-    """Return the part of each weight (k,) that belongs to the arm, and the variance to add.
+def _with_tool_of_before(payload: Payload, before: Payload | None) -> Payload:
+    """Return a payload with the tool of another campaign wherever it does not state its own."""
+    of_campaigns = tuple(_with_tool_of_before(each, before) for each in payload.of_campaigns)
+    payload = replace(payload, of_campaigns=of_campaigns)
+    if payload.known or before is None:
+        return payload
+    return replace(
+        payload,
+        mass_kg=before.mass_kg,
+        com_m=before.com_m,
+        known=before.known,
+        com_u_m=before.com_u_m,
+    )
 
-    Tilts of gravity and the mass of the tool belong to a campaign: none is kept, and they are as
-    uncertain as in the other one. The first moment m of the last link and the tool is divided by
-    their variances L and T: that of the link is m L / (L + T), with the variance L T / (L + T), to
-    which that of the other campaign's tool is added.
+
+def _kept_weights(term: Weights, model: Fitted, payload: Payload) -> tuple[Array, Array]:
+    """Return which share of each fitted weight (k,) stays, and the variance (k,) to add to it.
+
+    What does not stay is as described in the other campaign, with the uncertainty that it has there
+    before any fit: the direction of gravity, and a tool that is stated. A tool that is not stated
+    stays.
 
     Args:
-        before: uncertainties of the weights in the campaign of the model; None where not known.
-        there: their uncertainties in the other campaign.
-        payload: what the arm carries there.
+        term: weights that the model fitted.
+        payload: what the arm carries in the other campaign, as stated there.
     """
-    sizes = np.array(term.sizes)
-    kept, added_variance = np.ones(len(sizes)), np.zeros(len(sizes))
-    kept[term.of_level] = 0.0
+    there = weight_sizes(model.arm, payload)
+    kept_share, added_variance = np.ones(len(term.sizes)), np.zeros(len(term.sizes))
+    kept_share[term.of_level] = 0.0
     added_variance[term.of_level] = there.level_rad**2
     if not payload.known:
-        return kept, added_variance
-    kept[term.of_tool_mass] = 0.0
+        return kept_share, added_variance
+    kept_share[term.of_tool_mass] = 0.0
     added_variance[term.of_tool_mass] = there.payload_kg**2
-    moment = term.of_last_moment & (sizes > 0.0)
-    tool_kg_m = 0.0 if before is None else before.payload_kg_m
-    link_variance = np.maximum(0.0, sizes[moment] ** 2 - tool_kg_m**2)
-    kept[moment] = link_variance / sizes[moment] ** 2
-    added_variance[moment] = link_variance * (1.0 - kept[moment]) + there.payload_kg_m**2
-    return kept, added_variance
+    before = None if model.payload is None else weight_sizes(model.arm, model.payload)
+    tool_before_kg_m = 0.0 if before is None else before.payload_kg_m
+    sizes_kg_m = np.array(term.sizes)
+    moments = term.of_last_moment & (sizes_kg_m > 0.0)
+    share, variance = _share_of_link(sizes_kg_m[moments], tool_before_kg_m)
+    kept_share[moments] = share
+    added_variance[moments] = variance + there.payload_kg_m**2
+    return kept_share, added_variance
+
+
+def _share_of_link(sizes_kg_m: Array, tool_kg_m: float) -> tuple[Array, Array]:
+    """Return the last link's share of the first moments (k,) that it has together with a tool.
+
+    Only their sum was fitted. With the prior variance L of the link and T of the tool, L / (L + T)
+    of it is expected to be of the link, with the variance L T / (L + T).
+
+    Args:
+        sizes_kg_m: (k,) standard uncertainties of the sums before the fit.
+        tool_kg_m: that of the tool.
+
+    Returns:
+        The shares, and the variances [kg2 m2].
+    """
+    link_variance = np.maximum(0.0, sizes_kg_m**2 - tool_kg_m**2)
+    share = link_variance / sizes_kg_m**2
+    return share, link_variance * (1.0 - share)
