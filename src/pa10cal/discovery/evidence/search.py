@@ -10,6 +10,7 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
+from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Mask
 from pa10cal.discovery.evidence.candidates import indistinguishable, linearise
 from pa10cal.discovery.evidence.fit import EvidenceFit, fit
@@ -71,6 +72,7 @@ def search(
     Each round improves the set about the last fit and fits it anew, until a round finds a set that
     was fitted before: the one fitted last (sizes that alone would change are not fitted again), or
     an earlier one. Then rounds would repeat, and of the sets between the likeliest is returned.
+    After the largest number of rounds it is the set fitted last.
     """
     needed = needed_nats(effects_in(family), error_rate)
     same = indistinguishable(problem, start, family)
@@ -196,7 +198,7 @@ class _Weakest(NamedTuple):
 
     candidate: int  # its number in the family
     lost_nats: float  # loss of log evidence without it
-    others: CandidateSet  # the set without it
+    others: CandidateSet  # the set without it, in sizes chosen anew if these decide
 
 
 def _weakest(evidence: SetEvidence, chosen: CandidateSet, needed: float) -> _Weakest:
@@ -293,54 +295,68 @@ def _in_place_of_map(ended: EndOfSearch, line: GearLine) -> GearLine:
     found = fit(
         ended.problem, (*effects, line), (*sizes, largest), ended.score.variances, ended.fit
     )
-    return replace(line, order=float(found.at.values_of(line)[2]))
+    *_, cycles_a_turn = found.at.values_of(line)
+    return replace(line, order=round(float(cycles_a_turn), LINES.order_decimals))
 
 
 def _with_fine_maps(ended: EndOfSearch, error_rate: float, start: EvidenceFit) -> EndOfSearch:
-    """Return the end of a search with fine maps of joints whose map does not suffice, if better.
+    """Return the end of a search in which no joint has several effects where a fine map is enough.
 
     An error of many cycles a turn, which a map of twelve knots does not follow, draws other effects
     of its joint into the set: large ones that cancel, a torque that goes with the angle, or a line
-    that is one of several. Where the set is better, fine maps are among what may replace its lines.
+    that is one of several. Such joints are searched again, with a fine map and without slow lines;
+    the set that is worth more stands. Where it holds a slow line and no map of the joint, the fine
+    map becomes a candidate, so that it counts as what may be in the line's place.
     """
-    effects = ended.fit.effects
+    effects, states = ended.fit.effects, ended.problem.cells.states
     count = Counter(each.of for each in effects)
-    mapped = {each.of for each in effects if is_error_map(each) and count[each.of] > 1}
-    places = mapped | {each.of for each in effects if _may_be_of_map(each)}
-    if not places:
-        return ended
-    knots, half_order = MAPS.spacings[0]
-    spectrum = FadingPrior(MAPS.sizes_rad[-1], half_order)
-    maps = [each for each in ended.family if is_error_map(each) and each.of in places]
-    states = ended.problem.cells.states
-    fine: dict[Effect, Effect] = {}
-    for each in maps:
-        finer = replace(each, knots=knots, spectrum=spectrum)
-        fine[each] = each if why_few_angles(finer, states) else finer
-    family = tuple(fine.get(each, each) for each in ended.family)
-    crowded = {place for place in places if count[place] > 1}
-    without_lines = tuple(e for e in family if not (e.of in crowded and _may_be_of_map(e)))
+    mapped = {each.of for each in effects if is_error_map(each)}
+    with_line = {each.of for each in effects if _is_slow_line(each)}
+    crowded = {of for of in mapped | with_line if count[of] > 1}
     if crowded:
-        ahead = search(ended.problem, without_lines, error_rate, start)
+        family = tuple(
+            each
+            for each in _with_maps_made_fine(ended.family, crowded, states)
+            if not (each.of in crowded and _is_slow_line(each))
+        )
+        ahead = search(ended.problem, family, error_rate, start)
         if _worth_nats(ahead, error_rate) > _worth_nats(ended, error_rate):
             return ahead
-    if mapped:
+    if not with_line - mapped:
         return ended
+    family = _with_maps_made_fine(ended.family, with_line - mapped, states)
     same = indistinguishable(ended.problem, start, family)
     return ended_at(ended.problem, ended.fit, family, same)
 
 
-def _worth_nats(ended: EndOfSearch, error_rate: float) -> float:
-    """Return the evidence of a set less what members gain by chance, the best of so many tried.
+def _with_maps_made_fine(
+    family: tuple[Effect, ...], places: set[str], states: PoseStates
+) -> tuple[Effect, ...]:
+    """Return a family with the maps of some joints fine ones, where these were at enough angles."""
+    knots, half_order = MAPS.spacings[0]
+    spectrum = FadingPrior(MAPS.sizes_rad[-1], half_order)
 
-    The orders of a line were many.
+    def made_fine(effect: Effect) -> Effect:
+        if not is_error_map(effect) or effect.of not in places:
+            return effect
+        fine = replace(effect, knots=knots, spectrum=spectrum)
+        return effect if why_few_angles(fine, states) else fine
+
+    return tuple(map(made_fine, family))
+
+
+def _worth_nats(ended: EndOfSearch, error_rate: float) -> float:
+    """Return the evidence of a set less what its members gain by chance.
+
+    Each is the best of a family; a slow line, whose number of cycles was found, the best of as many
+    as there are.
     """
-    family, effects = ended.family, ended.fit.effects
-    by_chance = len(effects) * needed_nats(len(family), error_rate)
-    by_chance += sum(map(_may_be_of_map, effects)) * float(np.log(LINES.orders[1]))
+    effects = ended.fit.effects
+    by_chance = len(effects) * needed_nats(effects_in(ended.family), error_rate)
+    by_chance += sum(map(_is_slow_line, effects)) * float(np.log(LINES.orders[1]))
     return ended.score.log_evidence - by_chance
 
 
-def _may_be_of_map(effect: Effect) -> bool:
+def _is_slow_line(effect: Effect) -> bool:
     """Return whether an effect is a line of as few cycles a turn as a fine map follows."""
     return is_gear_line(effect) and effect.order < LINES.orders[0]
