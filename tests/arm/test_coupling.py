@@ -9,15 +9,22 @@ import pytest
 import yaml
 
 from made_up_model import fitted
+from made_up_poses import states_of
+from pa10cal.arm.chain import Chain
 from pa10cal.arm.coupling import CoupledJoint, Coupling
+from pa10cal.arm.statics import Payload, statics
 from pa10cal.arm.workspace import above, draw_within
 from pa10cal.errors import ArmError, SettingsError
 from pa10cal.files.arms import arm_text, load_arm, parse_arm
 from pa10cal.files.coupling import coupling_in_words
 from pa10cal.fit.model_reading import load_model
+from pa10cal.fit.plain_arm import arm_from_plain, arm_to_plain
 from pa10cal.options import Tolerances
+from pa10cal.terms.effects.joint import SoftWindup
+from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
 from pa10cal.terms.offsets import link_departures
+from pa10cal.terms.weights import Weights, WeightSizes
 
 ROWS = [{"a_m": 0.3, "alpha_deg": 90.0}, {"a_m": 0.5}, {"a_m": 0.4, "alpha_deg": -90.0}]
 QUILL = [{"a_m": 0.25}, {"a_m": 0.2, "alpha_deg": 180.0}]
@@ -180,6 +187,10 @@ def test_postures_are_drawn_within_limits_of_the_axes():
             ],
             "no axis of its own",
         ),
+        (
+            [{"joint": 3, "by": 2, "factor": 1, "follows": True, "counted_only": True}],
+            "no motor of its own",
+        ),
     ],
 )
 def test_couplings_that_cannot_be_meant_are_refused(coupling, said):
@@ -214,3 +225,56 @@ def test_nothing_is_mapped_where_nothing_is_coupled():
     q = np.random.default_rng(1).normal(size=(4, 6))
     coupling = Coupling(6)
     assert all(each(q) is q for each in (coupling.to_joints, coupling.to_axes, coupling.by_axes))
+
+
+def test_drives_move_what_bars_and_screws_move():
+    """Torques of drives do the work of those of the joints; only counted positions move nothing."""
+    rng = np.random.default_rng(1)
+    for name in LOGGED:
+        coupling = described(name).coupling
+        of_drives = np.zeros((20, coupling.n))
+        of_drives[:, coupling.own] = rng.normal(size=(20, len(coupling.own)))
+        moved = coupling.with_drives(of_drives)
+        assert moved == pytest.approx(coupling.to_joints(of_drives[:, coupling.own]), abs=1e-15)
+        tau = rng.normal(size=(20, coupling.n))
+        work = np.sum(coupling.at_drives(tau) * of_drives, axis=1)
+        assert work == pytest.approx(np.sum(tau * moved, axis=1))
+        counted = replace(
+            coupling, joints=tuple(replace(each, counted_only=True) for each in coupling.joints)
+        )
+        assert (counted.at_drives(tau)[:, coupling.own] == tau[:, coupling.own]).all()
+        assert counted.to_joints(of_drives[:, coupling.own]) == pytest.approx(moved, abs=1e-15)
+
+
+@pytest.mark.parametrize("counted_only", [True, False])
+def test_derivatives_of_springs_at_drives_are_exact(counted_only):
+    coupled = CoupledJoint(3, 2, -1.0, counted_only=counted_only)
+    arm = replace(load_arm("pa10_6ce"), coupled=(coupled,))
+    chain = Chain.of(arm)
+    payload = Payload(3.0, np.array([0.02, 0.0, 0.1]), np.zeros(3), np.array([0.3, 0.1, -9.8]))
+    states = states_of(arm, poses=8)
+    loads = statics(chain, chain.coordinates(states.q_rad), states.load_N, payload)
+    states = replace(states, tau_Nm=loads.joint_Nm, static_loads=loads)
+    weights = Weights.about(arm, WeightSizes(np.full(6, 0.1), np.full(6, 0.05), 1.0, 0.1, 0.02))
+    springs = (JointSpring(2, 60.0), JointSpring(3, 40.0), SoftWindup("joint 3", 40.0, 40.0))
+    model = Model(chain, (*links(arm), weights, *springs))
+    rng = np.random.default_rng(2)
+    x = np.array([p.scale for p in model.parameters]) * rng.normal(size=len(model.parameters))
+    for spring in springs[:2]:
+        x[model.columns_of(spring)] = [1e-3, 0.2]
+    x[model.columns_of(springs[2])] = [3e-4, 8.0]
+    found = model.predict_with_jacobian(states, x)
+    for k, parameter in enumerate(model.parameters):
+        step = 1e-4 * parameter.scale * (np.arange(len(x)) == k)
+        ahead, behind = (model.predict(states, x + sign * step)[:, :3, 3] for sign in (1.0, -1.0))
+        by_steps = (ahead - behind) / (2e-4 * parameter.scale)
+        size = max(float(np.abs(by_steps).max()), 1e-9 / parameter.scale)
+        assert found.jacobian[:, :3, k] == pytest.approx(by_steps, abs=1e-5 * size), parameter.name
+
+
+def test_couplings_of_older_models_are_only_counted():
+    arm = replace(load_arm("irb120"), coupled=(CoupledJoint(3, 2, -1.0),))
+    plain = arm_to_plain(arm)
+    assert arm_from_plain(plain).coupled == arm.coupled
+    del plain["coupling"][0]["counted_only"]
+    assert arm_from_plain(plain).coupled == (CoupledJoint(3, 2, -1.0, counted_only=True),)

@@ -4,6 +4,10 @@ For most controllers joints and axes are the same. Some count joint 3 from the h
 parallelograms); gears of a wrist turn its last joint with another axis; a quill rises as it turns;
 and one motor may drive several joints (a telescope). Positions are converted where a log becomes
 observations, and back where commands are written; everything in between has joint positions.
+
+Bars, gears and screws move a joint by the drive of another. Such a drive carries part of that
+joint's torque (virtual work: tau_drives = D^T tau_joints), and as it gives way it moves both. Where
+only the controller adds the other position, the motor is at the joint and moves that alone.
 """
 
 from __future__ import annotations
@@ -29,6 +33,8 @@ class CoupledJoint:
     by: int
     factor: float  # its motion [rad or m] for a unit [rad or m] of that axis
     follows: bool = False  # whether the joint has no axis of its own
+    # whether only the controller adds that motion, and the drive of that axis does not make it
+    counted_only: bool = False
 
 
 @dataclass(frozen=True)
@@ -52,10 +58,22 @@ class Coupling:
     @cached_property
     def matrix(self) -> Array:
         """Return C (n, m)."""
+        return self._moved_by(self.joints)[:, self.own]
+
+    @cached_property
+    def by_drives(self) -> Array:
+        """Return D (n, n), by which joints move with the drive of each; zero where one has none."""
+        matrix = np.zeros((self.n, self.n))
+        mechanical = tuple(coupled for coupled in self.joints if not coupled.counted_only)
+        matrix[:, self.own] = self._moved_by(mechanical)[:, self.own]
+        return matrix
+
+    def _moved_by(self, joints: tuple[CoupledJoint, ...]) -> Array:
+        """Return the motions of the joints (n, n) by the axis of each of them."""
         square = np.eye(self.n)
-        for coupled in self.joints:
+        for coupled in joints:
             square[coupled.joint - 1, coupled.by - 1] += coupled.factor
-        return square[:, self.own]
+        return square
 
     @cached_property
     def inverse(self) -> Array:
@@ -88,6 +106,23 @@ class Coupling:
     def by_axes(self, by_joints: Array) -> Array:
         """Return derivatives by the axes (..., m) from those by the joints (..., n)."""
         return by_joints if self.none else np.asarray(by_joints @ self.matrix)
+
+    def at_drives(self, of_joints: Array) -> Array:
+        """Return torques of the drives (P, n, ...) by those of the joints, or derivatives of these.
+
+        Forces [N] of drives that slide. A joint without a drive has zeros.
+        """
+        if self.none:
+            return of_joints
+        return np.asarray(np.einsum("jd,pj...->pd...", self.by_drives, of_joints))
+
+    def moved_by_drives(self, by_joints: Array) -> Array:
+        """Return derivatives by the motions of drives (..., n) from those by the joints' own."""
+        return by_joints if self.none else np.asarray(by_joints @ self.by_drives)
+
+    def with_drives(self, of_drives: Array) -> Array:
+        """Return the motions of joints (..., n) for motions of drives (..., n) [rad, m]."""
+        return of_drives if self.none else np.asarray(of_drives @ self.by_drives.T)
 
     def uncertainty(self, u_axes: Array) -> Array:
         """Return standard uncertainties of joints (P, n) from those of the axes (P, m)."""

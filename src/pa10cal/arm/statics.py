@@ -84,8 +84,9 @@ class StaticLoads:
     link_Nm: Array
     link_N: Array  # (P, n, 3) force that it carries there, along the same axes (zero for the last)
     base_Nm: Array  # (P, 3) overturning moment about the base's origin, along base axes
-    # (P, n) torques with which the joints hold links, apparatus and load; forces [N] where they
-    # slide
+    # (P, n) torques with which the drives of the joints hold links, apparatus and load; forces [N]
+    # where they slide. Where no drive moves another joint they are those of the joints themselves,
+    # see `Coupling.at_drives`
     joint_Nm: Array
     down_ee: Array  # (P, 3) direction of gravity along the end-effector's axes, a unit vector
     # (P, n, 4 n + 3) derivative of `joint_Nm`: by mass, added at its centre, and by the three first
@@ -141,7 +142,7 @@ class PoseStates:
 
     # (P, n) motor-side joint positions after the gear ratio; metres where a joint slides
     q_rad: Array
-    tau_Nm: Array  # (P, n) joint torques that hold the arm
+    tau_Nm: Array  # (P, n) torques with which the drives of the joints hold the arm
     arrival: Array  # (P, n) direction in which each joint arrived: -1, 0 (did not move) or +1
     load_N: Array  # (P,) external load
     temperature_C: Array  # (P,) temperature
@@ -274,17 +275,20 @@ def statics(chain: Chain, coordinates: Array, load_N: Array, payload: Payload) -
         turns[:, None], np.cross(moments_kg_m, axes), -carried.mass_kg[:, :, None] * axes
     )
     by_level = by_gravity @ carried.by_level.swapaxes(1, 2)
+    # A link as described is its mass at its centre.
+    joint_Nm = (
+        by_links[:, :, ::4] @ mass_kg + payload.mass_kg * by_apparatus + load_N[:, None] * by_load
+    )
+    by_weights = np.concatenate([by_links, by_apparatus[..., None], by_level], axis=2)
+    at_drives = chain.arm.coupling.at_drives
     return StaticLoads(
         link_Nm=carried.moments_at_ends_Nm(),
         link_N=carried.forces_at_ends_N(),
         base_Nm=carried.overturning_Nm(),
-        # A link as described is its mass at its centre.
-        joint_Nm=by_links[:, :, ::4] @ mass_kg
-        + payload.mass_kg * by_apparatus
-        + load_N[:, None] * by_load,
+        joint_Nm=at_drives(joint_Nm),
         down_ee=(gravity / g) @ at.T_base_ee[:, :3, :3],
-        by_weights=np.concatenate([by_links, by_apparatus[..., None], by_level], axis=2),
-        by_load=by_load,
+        by_weights=at_drives(by_weights),
+        by_load=at_drives(by_load),
         carried=carried,
     )
 

@@ -113,7 +113,7 @@ class ArmFit:
     def linearise(self, at: Fitted) -> Linearised:
         """Return the problem at a point, in stated noise."""
         residual, by_chain, by_targets = self.compare(at)
-        by_springs = by_chain[:, :, self.chain.joint_columns] * self.torque[:, None]
+        by_springs = self._by_springs(by_chain)
         columns = self.whitening @ np.concatenate([by_chain, by_springs, by_targets], axis=2)
         return Linearised(
             columns.reshape(-1, columns.shape[2]), -(self.whitening @ residual[:, :, None]).ravel()
@@ -124,7 +124,7 @@ class ArmFit:
         at, there = descend(at, self.linearise, self.moved, _SETTLED, _MOST_STEPS)
         residual, by_chain, by_targets = self.compare(at)
         joints = self.chain.joint_columns
-        by_springs = by_chain[:, :, joints] * self.torque[:, None]
+        by_springs = self._by_springs(by_chain)
         columns = np.concatenate([by_chain, by_springs, by_targets], axis=2)
         scale = np.sqrt(np.sum(there.by_step**2, axis=0))
         scale[scale == 0.0] = 1.0
@@ -143,8 +143,14 @@ class ArmFit:
         m, joints = at.coordinates.shape[1], self.chain.joint_columns
         by_chain, by_springs, by_targets = np.split(step, [m, m + len(joints)])
         coordinates = at.coordinates + by_chain
-        coordinates[:, joints] += self.torque * by_springs
+        coordinates[:, joints] += self.chain.arm.coupling.with_drives(self.torque * by_springs)
         return Fitted(coordinates, at.targets_m + by_targets)
+
+    def _by_springs(self, by_chain: Array) -> Array:
+        """Return the derivative (P, b, n) by springs of the drives from that by the chain."""
+        by_joints = by_chain[:, :, self.chain.joint_columns]
+        by_drives = self.chain.arm.coupling.moved_by_drives(by_joints)
+        return by_drives * self.torque[:, None]
 
 
 def _relative_torques(readings: Observations, chain: Chain, payload: Payload | None) -> Array:

@@ -410,5 +410,6 @@ def with_torque_noise(
     turned_rad = np.zeros(states.q_rad.shape)
     for spring in springs:
         turned_rad[:, spring.joint - 1] += spring.by_torque(states, at.values_of(spring))
-    moved = ideal_by_joints(at, poses) * (turned_rad * torque_Nm)[:, None, :]
+    by_drives = at.arm.coupling.moved_by_drives(ideal_by_joints(at, poses))
+    moved = by_drives * (turned_rad * torque_Nm)[:, None, :]
     return replace(noise, cov=noise.cov + moved @ np.swapaxes(moved, 1, 2), torque_Nm=torque_Nm)

@@ -22,7 +22,8 @@ _TURN_DEG = 360.0
 class StatedCoupling(Section):
     """A joint whose position is the one that the controller logs plus a multiple of another's.
 
-    With `follows` the joint has no axis of its own, and only the multiple counts.
+    With `follows` the joint has no axis of its own, and only the multiple counts. With
+    `counted_only` only the controller adds the multiple: the joint's own motor moves it alone.
     """
 
     joint: Annotated[int, Field(ge=1)]
@@ -30,6 +31,7 @@ class StatedCoupling(Section):
     factor: FiniteFloat | None = None
     mm_per_turn: FiniteFloat | None = None
     follows: bool = False
+    counted_only: bool = False
 
 
 def coupled_joints(
@@ -61,7 +63,8 @@ def coupled_joints(
             )
         slides, by_slides = _slide(prismatic, entry.joint, entry.by)
         factor = _factor(entry, slides, by_slides, place)
-        coupled.append(CoupledJoint(entry.joint, entry.by, factor, entry.joint in followers))
+        follows = entry.joint in followers
+        coupled.append(CoupledJoint(entry.joint, entry.by, factor, follows, entry.counted_only))
     if Coupling(len(prismatic), tuple(coupled)).singular:
         raise ArmError(
             "the coupling makes two joints one: some axes of the controller move nothing",
@@ -98,6 +101,14 @@ def _check(entry: StatedCoupling, followers: set[int], joints: int, place: str) 
             allowed="joint and by of two joints",
             remedy="name the other joint under by; the sign and zero of one are joint_signs and "
             "joint_offsets_deg of campaign.yaml",
+        )
+    if entry.counted_only and entry.joint in followers:
+        raise ArmError(
+            f"joint {entry.joint} has no motor of its own (follows: true), and none that moves it",
+            where=f"{place}: counted_only",
+            value=True,
+            allowed="counted_only of a joint that has a motor",
+            remedy="remove counted_only, or follows",
         )
     if entry.by in followers:
         raise ArmError(
@@ -154,7 +165,8 @@ def stated_coupling(coupled: CoupledJoint, prismatic: Mask) -> dict[str, Any]:
         entry["factor"] = _short(1e-3 * math.degrees(coupled.factor))
     else:
         entry["factor"] = _short(coupled.factor)
-    return entry | ({"follows": True} if coupled.follows else {})
+    keys = ("follows", "counted_only")
+    return entry | {key: True for key in keys if getattr(coupled, key)}
 
 
 def _short(value: float) -> float | int:

@@ -106,7 +106,11 @@ def arm_from_plain(content: Mapping[str, Any]) -> Arm:
         T_base_row1=pose_from_plain(content["T_base_row1"], "T_base_row1"),
         T_row_n_ee=pose_from_plain(content["T_row_n_flange"], "T_row_n_flange"),
         weights_known=_weights_from_plain(content.get("weights"), len(rows)),
-        coupled=tuple(CoupledJoint(**plain) for plain in content.get("coupling", ())),
+        # Files without the key are of models whose springs moved single joints.
+        coupled=tuple(
+            CoupledJoint(**({"counted_only": True} | plain))
+            for plain in content.get("coupling", ())
+        ),
         controller=_controller_from_plain(content.get("controller")),
     )
     named = {joint for coupled in arm.coupled for joint in (coupled.joint, coupled.by)}

@@ -185,7 +185,7 @@ class Model:
         yielding = [term.joint - 1 for term, _ in self._yielding]
         by_torque: Array | None = None
         for term, point in zip(terms, points, strict=True):
-            screws = end.screws[:, :, self.chain.columns(term.coordinates)]
+            screws = self._screws(term, end)
             if self.derivative_cache is None:
                 by_parameter = term.derivative(carried, point)
             else:
@@ -195,7 +195,7 @@ class Model:
             if yielding and shows_torque(term) and not term.acts_on_joint:
                 if by_torque is None:  # derivative of the pose by torques of joints that yield
                     turned = [
-                        end.screws[:, :, self.chain.columns(soft.coordinates)[0]]
+                        self._screws(soft, end)[:, :, 0]
                         * soft.by_torque(carried, x[columns])[:, None]
                         for soft, columns in self._yielding
                     ]
@@ -292,16 +292,34 @@ class Model:
                 shift = term.shift(carried, x[columns])
             else:
                 shift = self.derivative_cache.shift(term, carried, x[columns])
-            coordinates[:, self.chain.columns(term.coordinates)] += shift
+            at, moved = self._driven(term)
+            coordinates[:, at] += shift if moved is None else shift * moved
         return coordinates
+
+    def _driven(self, term: Term) -> tuple[Index, Array | None]:
+        """Return the chain columns that a term moves, and their motion (m',) by its one coordinate.
+
+        None where the columns are its coordinates. A joint yields at its drive, which may move
+        other joints too.
+        """
+        coupling = self.chain.arm.coupling
+        if coupling.none or not yields(term) or term.joint - 1 not in coupling.own:
+            return self.chain.columns(term.coordinates), None
+        moved = coupling.by_drives[:, term.joint - 1]
+        return self.chain.joint_columns[moved != 0.0], moved[moved != 0.0]
+
+    def _screws(self, term: Term, end: EndPose) -> Array:
+        """Return the derivative of the pose by the coordinates of a term, (P, 6, m)."""
+        columns, moved = self._driven(term)
+        screws = end.screws[:, :, columns]
+        return screws if moved is None else screws @ moved[:, None]
 
     @cached_property
     def _own_columns(self) -> list[int]:
         return self._moved_columns(self.terms)
 
     def _moved_columns(self, terms: Sequence[Term]) -> list[int]:
-        names = {name for term in terms for name in term.coordinates}
-        return sorted(self.chain.columns(tuple(names)).tolist())
+        return sorted({int(column) for term in terms for column in self._driven(term)[0]})
 
     @cached_property
     def _yielding(self) -> list[tuple[Yielding, slice]]:

@@ -253,7 +253,10 @@ class Term(Traits, Protocol):
 
 
 class Yielding(Term, Protocol):
-    """A term that turns a joint under the torque it carries."""
+    """A term that turns a joint at its drive, under the torque that this carries.
+
+    Its shift is that of the drive: a model moves by it all joints that this drive moves.
+    """
 
     @property
     def joint(self) -> int:

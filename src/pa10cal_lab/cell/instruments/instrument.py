@@ -63,13 +63,14 @@ def rest_poses(
     """
     mechanism, springs = robot.mechanism, robot.springs
     gear_ratio, rated_Nm = robot.arm.gear_ratio, robot.arm.torque_limit_Nm
+    bars = robot.arm.coupling
     arrived = np.zeros_like(drive) if arrival is None else arrival
     structures = [effect for effect in effects if effect.strains]
     strain = Strain.none(*drive.shape) if structures else None
     q, delta = drive, np.zeros_like(drive)
     for _ in range(MAX_ITERATIONS):
         held = mechanism.statics(q, load_N, strain)
-        tau = held.torque_Nm
+        tau = bars.at_drives(held.torque_Nm)
         moved = 0.0
         if strain is not None:
             loading = Loading(mechanism, held, q, time_s, warming_K)
@@ -82,6 +83,8 @@ def rest_poses(
         delta = springs.step(delta, tau)
         under_load = replace(motion, tau_Nm=tau, rated_Nm=rated_Nm)
         q_next = with_added(drive - delta, "windup", effects, under_load)
+        if not bars.none:  # as a drive winds up, it moves all joints that it drives
+            q_next = drive + bars.with_drives(q_next - drive)
         moved = max(moved, float(np.abs(q_next - q).max(initial=0.0)))
         q = q_next
         if moved <= TOLERANCE:

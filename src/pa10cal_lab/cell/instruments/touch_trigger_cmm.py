@@ -148,7 +148,8 @@ def _moving_torques(truth: instrument.Truth, q: Array) -> Array:
     """Return (C, S, n) torques carried along the approaches (C, S, n), as of stiff joints."""
     loads_N = np.repeat(truth.schedule.load_N, q.shape[1])
     flat = q.reshape(-1, q.shape[2])
-    tau_Nm = truth.robot.mechanism.statics(flat, loads_N).torque_Nm
+    held_Nm = truth.robot.mechanism.statics(flat, loads_N).torque_Nm
+    tau_Nm = truth.robot.arm.coupling.at_drives(held_Nm)
     motion = JointState(flat, np.zeros_like(flat), truth.robot.arm.gear_ratio)
     return with_added(tau_Nm, "carried", truth.effects, motion).reshape(q.shape)
 
