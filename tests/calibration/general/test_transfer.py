@@ -27,7 +27,7 @@ from pa10cal.errors import CalibrationError
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted import FallBack
 from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.fit.loads import with_torques
+from pa10cal.fit.loads import statics_of, with_torques
 from pa10cal.fit.uncertain_weights import with_uncertain_weights
 from pa10cal.fit.validity import nothing_seen
 from pa10cal.observe.observations import Observations
@@ -299,6 +299,25 @@ def test_poses_without_temperatures_are_refused_by_what_they_lack(see):
     assert refit_frames(grown, every).covariance is not None
     with pytest.raises(CalibrationError, match=r"lack temperatures that.*; log the temperature"):
         refit_frames(grown, every.with_states(states))
+    # Torques are not logged either, but this model does not read them.
+    nowhere = replace(states, arrival=np.full((30, ARM.n), np.nan))
+    slack = with_effect(rigid, "backlash", [1e-4])
+    with pytest.raises(CalibrationError, match=r"lack directions of arrival that.*each joint"):
+        refit_frames(slack, every.with_states(nowhere))
+    q_rad = np.where(np.arange(30)[:, None] == 3, np.nan, states.q_rad)
+    with pytest.raises(CalibrationError, match=r"lack joint positions that.*1 of 30 poses"):
+        refit_frames(rigid, every.with_states(replace(states, q_rad=q_rad)))
+
+
+def test_poses_whose_loads_are_no_numbers_are_refused(found):
+    first, poses = found
+    sagging = with_effect(first, "base_compliance", [2e-6, 2e-6])
+    states = first.as_modelled(poses).states
+    no_loads = replace(states, load_N=np.full(len(poses), np.nan))
+    loads = statics_of(Model(sagging.model.chain, ()), np.zeros(0), no_loads, FIRST)
+    poses = poses.with_states(replace(states, static_loads=loads))
+    with pytest.raises(CalibrationError, match=r"lack finite loads that.*80 of 80 poses"):
+        refit_frames(sagging, poses)
 
 
 # Targets that are seen in some poses only, and fits that do not converge.

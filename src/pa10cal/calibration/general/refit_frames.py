@@ -8,14 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from itertools import pairwise
+from itertools import accumulate, pairwise
 from typing import NamedTuple, TypeVar
 
 import numpy as np
 
 from pa10cal.arm.chain import BASE
-from pa10cal.arm.statics import Payload
-from pa10cal.arrays import Array
+from pa10cal.arm.statics import Payload, PoseStates
+from pa10cal.arrays import Array, Mask
 from pa10cal.calibration.general import calibrate
 from pa10cal.calibration.general.fit import GeneralSolution, fit
 from pa10cal.calibration.general.problem import with_unknown_frames
@@ -36,11 +36,13 @@ from pa10cal.terms.wrapped import OfPart, about_moved_base, fixed
 
 F = TypeVar("F", bound=Fitted)
 
-#: What poses may lack, by what a term depends on, and the remedy. Others depend on torques.
+#: What the states of poses may lack, in words, and the remedy.
 _LACKING = {
-    None: ("torques", "log the torques, or describe the masses of the arm"),
+    "q_rad": ("joint positions", "give the position of every joint in every pose"),
+    "tau_Nm": ("torques", "log the torques, or describe the masses of the arm"),
     "temperature_C": ("temperatures", "log the temperature in every pose"),
     "time_s": ("times", "log the time of every pose"),
+    "arrival": ("directions of arrival", "log from which side each joint arrives in every pose"),
 }
 
 
@@ -50,6 +52,20 @@ class FrameFit(NamedTuple):
     problem: Problem
     x_start: Array  # (k,) start of its unknowns
     solution: GeneralSolution
+
+
+class _UnknownColumns(NamedTuple):
+    """Columns of the unknowns of a fit of frames, in this order; those of targets follow."""
+
+    arm: slice  # none where its parameters are fixed
+    frames: slice  # tool, and further bases
+    base: slice
+
+    @classmethod
+    def of(cls, arm_parameter_count: int, unknowns: ChosenUnknowns) -> _UnknownColumns:
+        of_frames = sum(len(frame.parameters) for frame in unknowns.frames)
+        counts = (arm_parameter_count, of_frames, len(unknowns.base.parameters))
+        return cls(*(slice(*ends) for ends in pairwise((0, *accumulate(counts)))))
 
 
 def fit_with_targets_shown(
@@ -76,7 +92,8 @@ def refit_frames(model: F, observations: Observations, cuts_s: Sequence[float] =
     """Fit base and tool, or targets, of a calibrated model to other observations of the same arm.
 
     Args:
-        model: the calibrated model; everything in it but base, tool and targets stays.
+        model: the calibrated model; all that it has of the arm stays, with the payload, and with
+            the seen joint positions, discrepancy and grade of its own campaign.
         observations: P poses of the arm; their states hold all that the terms of the model read,
             such as the torques that load its springs (`evaluation.model_errors.poses_for_model`).
         cuts_s: times at which the base moved: each part between has a base of its own; the tool is
@@ -87,35 +104,35 @@ def refit_frames(model: F, observations: Observations, cuts_s: Sequence[float] =
             not identify the frames.
     """
     chain = model.model.chain
-    start = calibrate.find_start(chain.arm, observations)
-    # Tolerances are those of the links, which are no unknowns here.
-    unknowns = choose_unknowns(chain.arm, Tolerances(), observations.measured, start)
-    unknowns = replace(unknowns, frames=(*unknowns.frames, *_bases_of_parts(unknowns.base, cuts_s)))
     arm_terms = [
         term for term in model.model.terms if term.holds == "everywhere" and not is_tool(term)
     ]
     known_arm = Model(chain, tuple(fixed(term, model.values_of(term)) for term in arm_terms))
+    x_arm = np.zeros(0)  # no parameter of the arm is an unknown
     _check_complete(known_arm, observations)
+    start = calibrate.find_start(chain.arm, observations)
+    # Tolerances are those of the links, which are no unknowns here.
+    unknowns = choose_unknowns(chain.arm, Tolerances(), observations.measured, start)
+    unknowns = replace(unknowns, frames=(*unknowns.frames, *_bases_of_parts(unknowns.base, cuts_s)))
 
     def fit_with(chosen: ChosenUnknowns) -> FrameFit:
-        x_arm = np.zeros(0)  # no parameter of the arm is an unknown
         problem, x_start = with_unknown_frames(known_arm, x_arm, chosen, start, observations)
         return FrameFit(problem, x_start, fit(problem, x_start))
 
     found = fit_with_targets_shown(unknowns, start, fit_with)
     _check_identified(found)
-    x, frame_count = found.solution.x, sum(len(frame.parameters) for frame in unknowns.frames)
-    x_frames, x_base = np.split(found.problem.of_model(x), [frame_count])
-    motion = calibrate.base_motion(found.problem.model, x_base)
+    x, columns = found.solution.x, _UnknownColumns.of(len(x_arm), unknowns)
+    motion = calibrate.base_motion(found.problem.model, x[columns.base])
     terms = (*arm_terms, *unknowns.frames)
-    x_terms = np.concatenate([model.x[model.model.parameter_indices(*arm_terms)], x_frames])
+    of_arm = model.model.parameter_indices(*arm_terms)
+    x_terms = np.concatenate([model.x[of_arm], x[columns.frames]])
     falls_back = model.falls_back
     if falls_back is not None:
         of_fall_back = refit_frames(falls_back.model, observations, cuts_s)
         falls_back = replace(falls_back, model=of_fall_back)
-    # What remains is of the arm, or of the campaign in which it was calibrated: payload, joint
-    # positions seen, discrepancy, grade. Errors of an apparatus' targets (`targets_off_m`) are of
-    # that campaign's readings; the fit of the frames did not correct for them.
+    # Errors of an apparatus' targets (`targets_off_m`) are none that the new readings are known to
+    # have, and the fit of the frames did not correct for any. Neither was another explanation of
+    # the readings (`otherwise`) fitted to them.
     return replace(
         model,
         model=Model(chain, terms),
@@ -145,25 +162,38 @@ def _check_complete(known_arm: Model, observations: Observations) -> None:
     Raises:
         CalibrationError: with what they lack, and how to provide it.
     """
-    nothing = np.zeros(0)
-    predicted = known_arm.predict(observations.states, nothing)
-    incomplete = int(np.count_nonzero(~np.isfinite(predicted).all(axis=(1, 2))))
+    incomplete = np.count_nonzero(~_can_be_predicted(known_arm, observations.states))
     if not incomplete:
         return
-    carried = known_arm.carried(observations.states, nothing)
-    lacking = {
-        term.depends_on
-        for term in known_arm.terms
-        if not np.isfinite(term.shift(carried, nothing)).all()
-    }
-    what, remedies = zip(*(_LACKING[each] for each in _LACKING if each in lacking), strict=True)
+    lacking = [_LACKING[name] for name in _lacking_states(known_arm, observations.states)]
+    what = " and ".join(what for what, _ in lacking) or "finite loads"
+    remedies = [remedy for _, remedy in lacking] or ["check the loads of every pose"]
     raise CalibrationError(
-        f"poses lack {' and '.join(what)} that the model needs",
+        f"poses lack {what} that the model needs",
         where="grid poses",
         value=f"{incomplete} of {len(observations)} poses",
         allowed="poses with all that its springs and effects depend on",
         remedy="; ".join(remedies),
     )
+
+
+def _can_be_predicted(known_arm: Model, states: PoseStates) -> Mask:
+    """Return in which poses (P,) a known arm predicts finite numbers."""
+    predicted = known_arm.predict(states, np.zeros(0))
+    return np.asarray(np.isfinite(predicted).all(axis=(1, 2)))
+
+
+def _lacking_states(known_arm: Model, states: PoseStates) -> Iterator[str]:
+    """Yield the states that a known arm reads and that are not finite.
+
+    One that it does not read may be lacking as well, so each is tried with numbers for the others.
+    """
+    filled = {name: np.nan_to_num(getattr(states, name)) for name in _LACKING}
+    for name in _LACKING:
+        others = {other: values for other, values in filled.items() if other != name}
+        is_read = not _can_be_predicted(known_arm, replace(states, **others)).all()
+        if is_read and not np.isfinite(getattr(states, name)).all():
+            yield name
 
 
 def _identifies_all(found: FrameFit) -> bool:
@@ -219,26 +249,38 @@ def _covariance_of_carried(
     if model.covariance is None:
         return None
     of_arm = model.model.parameter_indices(*arm_terms)
-    cov_arm = model.covariance[np.ix_(of_arm, of_arm)]
-    # Parameters are in the order arm | frames | base | targets; the last three were refitted.
+    columns = _UnknownColumns.of(len(of_arm), unknowns)
     terms = (*arm_terms, *unknowns.frames, unknowns.base)
     problem = replace(found.problem, model=Model(model.model.chain, terms))
     x = np.concatenate([model.x[of_arm], found.solution.x])
     normal = _normal_rows_of_refitted(problem, x, found.solution, len(of_arm))
-    by_arm, by_refitted = normal[:, : len(of_arm)], normal[:, len(of_arm) :]
-    scale = 1.0 / np.sqrt(np.diag(by_refitted))
-    cov_noise = np.linalg.pinv(by_refitted * np.outer(scale, scale)) * np.outer(scale, scale)
-    refitted_by_arm = -cov_noise @ by_arm
+    by_arm, by_refitted = normal[:, columns.arm], normal[:, columns.arm.stop :]
+    cov_noise = _scaled_inverse(by_refitted)
+    refitted_by_arm = -cov_noise @ by_arm  # derivative of the refitted by the arm's parameters
+    cov_arm = model.covariance[np.ix_(of_arm, of_arm)]
     cov_refitted_arm = refitted_by_arm @ cov_arm
     cov_refitted = cov_refitted_arm @ refitted_by_arm.T + found.solution.widening**2 * cov_noise
     joint = np.block([[cov_arm, cov_refitted_arm.T], [cov_refitted_arm, cov_refitted]])
-    # Targets are not kept; motions of the base that were no unknowns have zero variance.
-    before_base = len(problem.model.parameters) - len(unknowns.base.coordinates)
-    of_base = [before_base + BASE.index(name) for name in unknowns.base.coordinates]
-    kept = np.array([*range(before_base), *of_base], dtype=np.intp)
-    covariance = np.zeros((before_base + len(BASE),) * 2)
-    covariance[np.ix_(kept, kept)] = joint[: len(kept), : len(kept)]
-    return covariance
+    return _with_all_base_motions(joint[: columns.base.stop, : columns.base.stop], unknowns.base)
+
+
+def _scaled_inverse(normal: Array) -> Array:
+    """Return the inverse of a normal matrix (f, f), computed with a diagonal of ones."""
+    scale = 1.0 / np.sqrt(np.diag(normal))
+    return np.asarray(np.linalg.pinv(normal * np.outer(scale, scale)) * np.outer(scale, scale))
+
+
+def _with_all_base_motions(covariance: Array, base: Offsets) -> Array:
+    """Return a covariance whose last columns are motions of the base, with all six of these.
+
+    Motions that were no unknowns have zero variance.
+    """
+    before_base = len(covariance) - len(base.coordinates)
+    of_base = [before_base + BASE.index(name) for name in base.coordinates]
+    at = np.array([*range(before_base), *of_base], dtype=np.intp)
+    whole = np.zeros((before_base + len(BASE),) * 2)
+    whole[np.ix_(at, at)] = covariance
+    return whole
 
 
 def _normal_rows_of_refitted(
