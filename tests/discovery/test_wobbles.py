@@ -26,10 +26,11 @@ def hidden_tilts(rings):
     return np.concatenate([back, about_x[2:4], about_y[2:4]])
 
 
-def simulated(folder, effect, parameters, *, joint=JOINT):
+def simulated(folder, effect, parameters, *, joint=JOINT, **plan):
     """Return a campaign of an arm under a tracker that hides an effect at a joint."""
     hidden = [{"id": effect, "of": f"joint {joint}", "parameters": parameters}]
-    plan = {"instrument": "pose", "poses": 200, "position_mm": NOISE_MM, "hardening": False}
+    usual = {"instrument": "pose", "poses": 200, "position_mm": NOISE_MM, "hardening": False}
+    plan = {**usual, **plan}
     options = SimulateOptions.model_validate(
         {"robot": "ur10", "random_seed": 4, "hidden_effects": hidden, "without_touches": plan}
     )
@@ -52,10 +53,20 @@ def test_it_is_the_only_name(wobbling):
 
 
 @pytest.mark.slow
-def test_a_soft_bearing_is_no_wobble(tmp_path):
+def test_it_is_named_where_repeats_judge(tmp_path):
+    """Before maps and couplings of other joints, which follow it in few poses."""
+    rings = SimulatedAxisWobble.at_size(Site("joint 5"), 8.0, np.random.default_rng(5))
+    campaign = simulated(tmp_path, "axis_wobble", rings, joint=5, poses=50, repeats=3)
+    found = pa10cal.discover(campaign, pa10cal.calibrate(campaign))
+    assert [(each.id, each.of) for each in found.effects] == [("axis_wobble", "joint 5")]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("plan", [{}, {"poses": 50, "repeats": 3}], ids=["once", "repeated"])
+def test_a_soft_bearing_is_no_wobble(tmp_path, plan):
     """Softer about one axis than about another, under a moment that is much the same everywhere."""
     soft = {"soft": 3e-5, "stiff": 5e-6, "phi": 0.7}
-    campaign = simulated(tmp_path, "soft_bearing", soft, joint=3)
+    campaign = simulated(tmp_path, "soft_bearing", soft, joint=3, **plan)
     found = pa10cal.discover(campaign, pa10cal.calibrate(campaign))
     assert found.verdict != "none"
     assert "axis_wobble" not in {each.id for each in found.effects}

@@ -15,18 +15,20 @@ from pa10cal.arrays import Mask
 from pa10cal.discovery.evidence.candidates import indistinguishable, linearise
 from pa10cal.discovery.evidence.fit import EvidenceFit, fit
 from pa10cal.discovery.evidence.likelihood import CandidateSet, Score, SetEvidence
-from pa10cal.discovery.evidence.noise_model import SharedVariances
+from pa10cal.discovery.evidence.noise_model import NO_SHARED_ERROR, SharedVariances
 from pa10cal.discovery.evidence.problem import EvidenceProblem, prepare
 from pa10cal.discovery.jacobians import WhitenedPoses
 from pa10cal.discovery.noise import whitener_of
 from pa10cal.discovery.preparation import effects_in, why_few_angles
 from pa10cal.discovery.proof import needed_nats
-from pa10cal.discovery.residual_candidates import gear_lines
+from pa10cal.discovery.residual_candidates import gear_lines, wobbles
 from pa10cal.discovery.rules import EVIDENCE, LINES, MAPS
 from pa10cal.discovery.tuning import COMPUTING
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint import GearLine, is_gear_line
 from pa10cal.terms.effects.joint_error_map import FadingPrior, is_error_map
+from pa10cal.terms.effects.structure import AxisWobble
+from pa10cal.terms.model import DerivativeCache
 
 
 @dataclass(frozen=True)
@@ -251,6 +253,9 @@ def search_with_errors_of_joints(
 ) -> EndOfSearch:
     """Search as `search`, then with the lines that residuals show, and with maps as fine as needed.
 
+    An axis that wobbles more than any compliance explains is sought from the beginning: maps and
+    couplings of other joints follow it in few poses, and leave nothing of it.
+
     Args:
         problem: the campaign.
         family: the candidates.
@@ -260,6 +265,9 @@ def search_with_errors_of_joints(
             been taken for it.
     """
     lines: tuple[Effect, ...] = ()
+    axes = _wobbles(problem, start, error_rate)
+    if axes:
+        family, (problem, start) = (*family, *axes), _bending(problem, axes)
     ended = search(problem, family, error_rate, start)
     for _ in range(LINES.most_rounds):
         added = _lines(ended, error_rate)
@@ -268,17 +276,43 @@ def search_with_errors_of_joints(
         family, lines = (*family, *added), (*lines, *added)
         if problem.in_time.wander is not None:
             problem, start = timed(lines)
+            problem, start = _bending(problem, axes) if axes else (problem, start)
         ended = search(problem, family, error_rate, start)
     return _with_fine_maps(ended, error_rate, start)
 
 
+def _wobbles(
+    problem: EvidenceProblem, start: EvidenceFit, error_rate: float
+) -> tuple[AxisWobble, ...]:
+    """Return the axis that wobbles most about the fit without effects, if it is significant."""
+    rows = _residual_rows(problem, start)
+    return wobbles(rows, problem.context, problem.setup.payload, error_rate, ())
+
+
+def _bending(
+    problem: EvidenceProblem, axes: tuple[Effect, ...]
+) -> tuple[EvidenceProblem, EvidenceFit]:
+    """Return a problem on a chain that bends as effects do, and its fit without effects."""
+    problem = replace(
+        problem,
+        calibrated=problem.calibrated.bending_as(axes),
+        baseline=problem.baseline.bending_as(axes),
+        derivative_cache=DerivativeCache(),
+    )
+    return problem, fit(problem, (), (), NO_SHARED_ERROR)
+
+
+def _residual_rows(problem: EvidenceProblem, found: EvidenceFit) -> WhitenedPoses:
+    """Return the cells about a fit."""
+    at, cells = found.at, problem.cells
+    whiteners = whitener_of(problem.cell_cov)
+    return WhitenedPoses(at, cells, at.compared(cells).residual, whiteners)
+
+
 def _lines(ended: EndOfSearch, error_rate: float) -> tuple[Effect, ...]:
     """Return the lines of gears in the residuals of a search, at joints where none was tried."""
-    at, cells = ended.fit.at, ended.problem.cells
     tried = [each.of for each in ended.family if each.id == GearLine.id]
-    whiteners = whitener_of(ended.problem.cell_cov)
-    rows = WhitenedPoses(at, cells, at.compared(cells).residual, whiteners)
-    lines = gear_lines(rows, error_rate, tried)
+    lines = gear_lines(_residual_rows(ended.problem, ended.fit), error_rate, tried)
     mapped = {each.of for each in ended.fit.effects if is_error_map(each)}
     return tuple(_in_place_of_map(ended, line) if line.of in mapped else line for line in lines)
 

@@ -191,7 +191,7 @@ class LateralCompliance(Compliance, AtJoint):
 
 #: Least range of a joint in which a wobble of its axis is identifiable [rad]. Over half a turn 0.57
 #: of the wave k = -1 remains after a fit of those with k = 0 and 1, over a third of a turn 0.29.
-_WOBBLES_RAD = np.pi
+_WOBBLES_RAD = 2.0 * np.pi / 3.0
 
 
 @dataclass(frozen=True)
@@ -218,6 +218,7 @@ class AxisWobble(AtJoint):
     )
     on_link_before = True
     role_in_search = "proposed"
+    amounts_stand_alone = False
     # ISO 492 allows inner rings of 50 to 180 mm a radial run-out of 20 to 30 um in class Normal and
     # of 5 to 8 in P5: an eighth of that between two bearings 100 mm apart are 30 to 60 urad.
     reported = tuple(
