@@ -177,7 +177,7 @@ def test_the_rule(fit, left, grade, says):
     assert bool(found.findings) == (grade == "suspect_input")
     fails = {each.check for each in found.checks if each.passes is False}
     assert bool(fails & OF_GRADE[grade]) == (grade != "good")
-    assert grade != "good" or fails <= {AT_BOUNDS}
+    assert grade != "good" or not fails
 
 
 def test_a_check_answers_what_it_asks():
@@ -191,6 +191,28 @@ def test_a_check_answers_what_it_asks():
     assert badly_held_out["noise explains the remaining error"].passes
     found = by_check(ended(), errors(repeats=repeats(0.5e-5)))
     assert "1.98 times the noise by repeats" in found["noise explains the remaining error"].found
+
+
+def test_a_parameter_at_its_bound_has_no_part_in_the_grade():
+    found = by_check(ended(at_bound="cubic_share_2"), errors())[AT_BOUNDS]
+    assert (found.found, found.passes) == ("K_cub_2", None)
+
+
+def test_nothing_is_promised_where_predictions_are_not_determined():
+    found = by_check(ended(), errors(held_out=replace(BAD, u_mm=np.inf)))
+    found = found["held-out poses agree with what the fit promises"]
+    assert found.passes is None
+    assert found.found == "0.050 mm rms, and predictions are not determined"
+
+
+def test_identical_repeats_do_not_explain_what_remains():
+    left = errors(noise_mm=0.0, noise_is_found=True)
+    found = health(ended(), left)
+    assert "explains" not in found.line
+    assert "poses, and repeats do not differ at all, as copied readings do; " in found.line
+    check = by_check(ended(), left)["noise explains the remaining error"]
+    assert check.passes is None
+    assert check.found == "0.017 mm, and repeats do not differ at all, as copied readings do"
 
 
 def test_a_spring_at_its_rigid_end_is_at_no_end():

@@ -1,13 +1,14 @@
 """The checks behind the grade of a calibration, in words: what was found, and up to what it holds.
 
-Each is the test by which `health` grades, from the same numbers and limits.
+Each is a test by which `health` grades, from the same numbers and limits. A parameter at the end of
+its range has no part in the grade: it is told, and counts neither as passed nor as failed.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from pa10cal.calibration.grade_evidence import GradeEvidence
+from pa10cal.calibration.grade_evidence import NO_NOISE, GradeEvidence
 from pa10cal.results.calibration import GradeCheck, InputFinding, RepeatScatter
 from pa10cal.terms.joint_spring import reported_name
 
@@ -26,7 +27,7 @@ def grade_checks(evidence: GradeEvidence, findings: Sequence[InputFinding]) -> I
     yield _check("nothing in the input is suspect", first, passes=not findings)
     held = evidence.held_at_bounds
     names = ", ".join(map(reported_name, held)) or "none"
-    yield _check("no parameter is at the end of its range", names, passes=not held)
+    yield _check("no parameter is at the end of its range", names, passes=None if held else True)
     yield _of_determination(evidence)
     yield _of_noise(evidence)
     yield _of_held_out(evidence)
@@ -41,14 +42,14 @@ def _check(check: str, found: str, limit: str = "", *, passes: bool | None) -> G
 
 def _of_determination(evidence: GradeEvidence) -> GradeCheck:
     """Return whether the poses determine the parameters; not those that no poses could."""
-    open_ = sorted(map(reported_name, evidence.undetermined))
+    undetermined = sorted(map(reported_name, evidence.undetermined))
     condition = evidence.ended.identifiability.condition
     found = (
         f"rank {evidence.rank} of {len(evidence.ended.parameters)}, "
         f"condition number {condition:.4g}"
     )
-    if open_:
-        found += f"; {len(open_)} not determined, such as {open_[0]}"
+    if undetermined:
+        found += f"; {len(undetermined)} not determined, such as {undetermined[0]}"
     check = "everything that other poses could determine is determined"
     return _check(check, found, passes=evidence.is_determined)
 
@@ -57,10 +58,12 @@ def _of_noise(evidence: GradeEvidence) -> GradeCheck:
     """Return whether noise explains the remaining error, corrected for what the fit absorbed."""
     check = "noise explains the remaining error"
     over, noise_mm = evidence.over_noise, evidence.noise_with_apparatus_mm
-    if over is None or noise_mm is None:
+    if noise_mm is None:
         return _check(check, "the noise is not known", passes=None)
-    by_repeats = evidence.noise_is_found or evidence.reading_noise_mm != evidence.noise_mm
-    noise = "noise by repeats" if by_repeats else "stated noise"
+    if over is None:
+        remains = f"{evidence.error_mm:.3f} mm, and {NO_NOISE}"
+        return _check(check, remains, passes=None)
+    noise = "noise by repeats" if evidence.noise_by_repeats else "stated noise"
     if evidence.apparatus_mm:
         noise += " and targets"
     return _check(
@@ -75,11 +78,14 @@ def _of_noise(evidence: GradeEvidence) -> GradeCheck:
 def _of_held_out(evidence: GradeEvidence) -> GradeCheck:
     """Return whether held-out poses are predicted as well as the fit promises."""
     check, ratio = "held-out poses agree with what the fit promises", evidence.over_promised
-    if evidence.held_out is None or ratio is None:
+    if evidence.held_out is None:
         return _check(check, "nothing was held out", passes=None)
+    error = f"{evidence.held_out.accuracy.rms_mm:.3f} mm rms"
+    if ratio is None:
+        return _check(check, f"{error}, and predictions are not determined", passes=None)
     return _check(
         check,
-        f"{evidence.held_out.accuracy.rms_mm:.3f} mm rms, {ratio:.2f} times what is promised",
+        f"{error}, {ratio:.2f} times what is promised",
         f"{evidence.most_over_promised:.2f} times",
         passes=ratio <= evidence.most_over_promised,
     )
@@ -105,5 +111,5 @@ def _of_predictions(evidence: GradeEvidence) -> GradeCheck:
         "predicted positions are certain enough",
         "not determined" if u_mm is None else f"{u_mm:.3f} mm standard uncertainty",
         f"{evidence.required_mm:.3f} mm, {required}",
-        passes=u_mm is not None and u_mm <= evidence.required_mm,
+        passes=evidence.u_model_mm <= evidence.required_mm,
     )

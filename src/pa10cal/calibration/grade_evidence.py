@@ -17,6 +17,8 @@ from pa10cal.terms.term import TermParameter
 
 #: Least remaining error [mm]: exact data leave none, and ratios to it are formed (computing).
 _LEAST_ERROR_MM = 1e-6
+#: What readings show whose repeats are identical.
+NO_NOISE = "repeats do not differ at all, as copied readings do"
 #: In the text of a departure of a joint's zero, after the joint.
 _MASTERED = " was mastered"
 
@@ -185,6 +187,11 @@ class GradeEvidence:
         return None if noise_mm is None else float(np.hypot(noise_mm, self.apparatus_mm))
 
     @property
+    def noise_by_repeats(self) -> bool:
+        """Return whether repeats show the noise, and not what is stated."""
+        return self.noise_is_found or self.reading_noise_mm != self.noise_mm
+
+    @property
     def reading_noise_mm(self) -> float | None:
         """Return the noise of the poses fitted: as repeats show it, else as stated."""
         if self.noise_mm is None or self.noise_is_found or not self.repeats:
@@ -257,7 +264,7 @@ class GradeEvidence:
 
     @property
     def over_noise(self) -> float | None:
-        """Return the remaining error over the noise; None where that is not known."""
+        """Return the remaining error over the noise; None where that is not known, or zero."""
         noise_mm = self.noise_with_apparatus_mm
         return self.error_mm / noise_mm if noise_mm else None
 
@@ -274,7 +281,7 @@ class GradeEvidence:
 
     @property
     def over_promised(self) -> float | None:
-        """Return the held-out error over the one that the fit promises; None without one.
+        """Return the held-out error over the one that the fit promises; None without either.
 
         Promised are the model error of the fit, the noise (larger where fewer readings were
         averaged) and the uncertainty of the predictions.
@@ -286,7 +293,7 @@ class GradeEvidence:
         model_mm2 = self.error_mm**2 - noise_mm**2
         u_mm = self.u_model_mm if held_out.u_mm is None else held_out.u_mm
         promised_mm = float(np.sqrt(model_mm2 + noise_mm**2 / held_out.repeats + u_mm**2))
-        return held_out.accuracy.rms_mm / promised_mm
+        return held_out.accuracy.rms_mm / promised_mm if np.isfinite(promised_mm) else None
 
     @property
     def most_over_promised(self) -> float:

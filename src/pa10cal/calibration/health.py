@@ -13,7 +13,7 @@ import numpy as np
 from pa10cal.arm.description import weights_known
 from pa10cal.calibration.fit_summary import correlated
 from pa10cal.calibration.grade_checks import grade_checks
-from pa10cal.calibration.grade_evidence import GradeEvidence
+from pa10cal.calibration.grade_evidence import NO_NOISE, GradeEvidence
 from pa10cal.calibration.rules import GRADES
 from pa10cal.results import calibration as records
 from pa10cal.results.evaluation import BETWEEN
@@ -122,6 +122,8 @@ def _beside_noise(evidence: GradeEvidence) -> str:
         return f", {_compared(evidence)}{over:.2g} times the noise of {noise_mm:.3f} mm"
     if f"{noise_mm:.3f}" == f"{evidence.train_rms_mm:.3f}":
         return ", as the noise explains"
+    if not noise_mm:
+        return f", and {NO_NOISE}"
     return f", as the noise of {noise_mm:.3f} mm explains"
 
 

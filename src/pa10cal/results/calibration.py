@@ -108,7 +108,8 @@ class GradeCheck(record.Part):
     check: str  # what should hold
     found: str  # what was found
     limit: str  # up to which it holds; empty where there is no number
-    passes: bool | None  # whether it holds; null where it could not be tested
+    # whether it holds; null where it could not be tested, or has no part in the grade
+    passes: bool | None
 
 
 class Health(record.Part):
