@@ -9,7 +9,7 @@ from pa10cal.figures.campaign.residuals import tabulate_suspected_outliers
 from pa10cal.figures.draw import draw_all, of_campaign
 from pa10cal.figures.table import write_table
 from pa10cal.reports.accuracy import accuracy, parameters, reductions_grid
-from pa10cal.reports.blocks import Grid
+from pa10cal.reports.blocks import Callout, Grid, Items
 from pa10cal.reports.errors import errors_of
 from pa10cal.reports.formatting import with_interval
 from pa10cal.reports.measured import measurement_section
@@ -21,6 +21,7 @@ from pa10cal.reports.results_bundle import ResultsBundle
 from pa10cal.reports.trust import trust
 
 COMBINED, VERDICT = "calibration/combined.json", "discovery/verdict.json"
+EXTENDED = "discovery/extended.json"
 
 
 def lines(section, results):
@@ -169,6 +170,41 @@ class TestHealth:
         for u_model_mm, said in ((0.016, count), (0.03, 6 * count)):
             shown = poses.model_copy(update={**more, "u_model_mm": u_model_mm})
             assert f"which more than {said} well-chosen poses reach" in poses_in_words(shown)
+
+
+class TestLimitsOfPredictions:
+    def test_angles_modulo_a_turn_are_shown_between_the_limits_of_the_joint(
+        self, changed_from, sighted
+    ):
+        def seen_about_zero(record):
+            fitted = record["fitted_model"]
+            fitted["arm"]["rows"][0]["limits_rad"] = np.radians([-130.0, 180.0]).tolist()
+            turn = np.radians([[0.0, 63.6], [236.4, 360.0]]).tolist()
+            fitted["seen"][0] = {"turns": True, "intervals": turn}
+            fitted["seen"][1] = {"turns": True, "intervals": [[0.0, 2.0 * np.pi]]}
+
+        found = lines(trust, changed_from(sighted["pose"], EXTENDED, seen_about_zero))
+        assert "| 1 | -123.6 to 63.6 ° | -130.0 to 180.0 ° |" in found
+        assert "| 2 | -360.0 to 360.0 ° | -360.0 to 360.0 ° |" in found
+
+    def test_only_a_table_that_is_there_is_named(self, changed_from, sighted):
+        def said(results):
+            blocks = trust(results, results.general_calibration())
+            return next(block for block in blocks if isinstance(block, Items)).texts[-1]
+
+        none = changed_from(
+            sighted["pose"], EXTENDED, lambda r: r["fitted_model"].update(seen=None)
+        )
+        assert said(none).startswith("Far from all poses of the fit")
+        assert "table below" in said(sighted["pose"])
+
+    def test_what_the_search_warns_of_stands_there_without_a_name_too(self, changed_from, named):
+        def nameless(record):
+            record.update(named=[], warnings=["an unidentified effect of joint 2 is missing"])
+
+        source = changed_from(named, EXTENDED, nameless)
+        texts = [b.text for b in trust(source, source.calibration) if isinstance(b, Callout)]
+        assert "By the search for effects: an unidentified effect of joint 2 is missing." in texts
 
 
 class TestVerdict:

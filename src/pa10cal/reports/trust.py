@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
 
 from pa10cal.arrays import Array
+from pa10cal.fit.validity import AngleCoverage
 from pa10cal.reports.blocks import Callout, Grid, Items, PageBlock, Paragraph, SideBySide, grid
 from pa10cal.reports.formatting import named, sentence
 from pa10cal.reports.missing import coupling_of
@@ -31,14 +32,11 @@ def trust(results: ResultsBundle, case: CalibrationRecord) -> Iterator[PageBlock
         yield outliers_grid(case)
     yield from _warnings(results, case)
     effects = results.verdict.effects if results.verdict else ()
-    rows = [(named(effect), _evidence(effect)) for effect in effects]
+    rows = [(named(effect), _evidence_text(effect)) for effect in effects]
     yield grid("What decided about the effects", "effect | evidence", rows)
-    yield _limits_of_predictions(case)
-    yield grid(
-        "Joint positions that the fit has seen",
-        "joint | seen | allowed",
-        _positions_seen(case if results.extended is None else results.extended),
-    )
+    seen = list(_positions_seen(case if results.extended is None else results.extended))
+    yield _limits_of_predictions(case, seen_listed=bool(seen))
+    yield grid("Joint positions that the fit has seen", "joint | seen | allowed", seen)
     yield from _of_resolvers(results)
 
 
@@ -71,16 +69,22 @@ def outliers_grid(case: GeneralCalibrationRecord) -> Grid:
 
 def _warnings(results: ResultsBundle, case: CalibrationRecord) -> Iterator[Callout]:
     """Yield the warnings of the models, each once; the sentence of the grade stands elsewhere."""
-    texts = list(case.warnings)
-    if results.extended is not None and results.extended.named:
-        texts += [f"with the effects: {text}" for text in results.extended.warnings]
+    texts, extended = list(case.warnings), results.extended
+    if extended is not None:
+        about = "with the effects" if extended.named else "by the search for effects"
+        texts += [f"{about}: {text}" for text in extended.warnings]
     for text in dict.fromkeys(texts):
         if text != case.health.line:
             yield Callout("warning", sentence(text))
 
 
-def _limits_of_predictions(case: CalibrationRecord) -> Items:
-    """Return in words what intervals do not hold, and where predictions extrapolate."""
+def _limits_of_predictions(case: CalibrationRecord, *, seen_listed: bool) -> Items:
+    """Return in words what intervals do not hold, and where predictions extrapolate.
+
+    Args:
+        seen_listed: whether a table of the joint positions seen follows.
+    """
+    beyond = "Outside the joint positions of the table below, or f" if seen_listed else "F"
     heaviest_N = max(case.loads_fitted, default=0.0)
     return Items(
         (
@@ -89,8 +93,8 @@ def _limits_of_predictions(case: CalibrationRecord) -> Items:
             f"The heaviest load of the fit is {heaviest_N:g} N: beyond it is extrapolation."
             if heaviest_N > 0.0
             else "The fit has seen no external load: any load is extrapolation.",
-            "Outside the joint positions of the table below a prediction is an extrapolation; the "
-            "column inside of pa10cal predict shows it for each row.",
+            f"{beyond}ar from all poses of the fit, a prediction is an extrapolation; the column "
+            "inside of pa10cal predict shows which rows are near these poses.",
         )
     )
 
@@ -108,27 +112,27 @@ def _of_resolvers(results: ResultsBundle) -> Iterator[PageBlock]:
         yield Paragraph(f"No Monte Carlo of the plane at z = {plane.plane_mm} mm: {plane.why}.")
 
 
-def _evidence(effect: discovery.FoundEffect) -> str:
-    """Describe what decided about an effect, in words.
+def _evidence_text(effect: discovery.FoundEffect) -> str:
+    """Return what decided about an effect, in words.
 
     An effect that took the place of the one found, being likelier, stands on that one's evidence.
     """
-    decided = _decided(effect.evidence)
+    text = _statistics_text(effect.evidence)
     if (other := effect.evidence_of) is None:
-        return decided
-    return f"of {named(other)}, in whose place it stands: {decided}"
+        return text
+    return f"of {named(other)}, in whose place it stands: {text}"
 
 
-def _decided(evidence: discovery.Evidence) -> str:
-    """Describe statistics that decided, in words, by who judged."""
+def _statistics_text(evidence: discovery.Evidence) -> str:
+    """Return the statistics that decided about an effect, in words, by the search that found it."""
     match evidence:
         case discovery.EvidenceOfSag():
-            return _by_sag(evidence)
+            return _sag_evidence_text(evidence)
         case discovery.EvidenceByTorques():
             return (
                 f"logged torques show {100.0 * evidence.of_rated:.1f} % of the rated torque, "
-                f"{evidence.standard_uncertainties:.0f} standard uncertainties; it is taken out "
-                "of them"
+                f"{evidence.standard_uncertainties:.0f} standard uncertainties; the fit subtracts "
+                "this torque from the logged ones"
             )
         case discovery.EvidenceByBlocks(cross_validation_over_blocks=blocks):
             return (
@@ -137,11 +141,11 @@ def _decided(evidence: discovery.Evidence) -> str:
                 f"{blocks.blocks} blocks, z {blocks.z:.1f}"
             )
         case discovery.EvidenceByRepeats():
-            return _by_repeats(evidence)
+            return _repeats_evidence_text(evidence)
 
 
-def _by_sag(evidence: discovery.EvidenceOfSag) -> str:
-    """Describe what a joint that gives way explains: of held-out poses, where there are any."""
+def _sag_evidence_text(evidence: discovery.EvidenceOfSag) -> str:
+    """Return what a joint that gives way explains: of held-out poses, where there are any."""
     rigid_mm, elastic_mm, which = evidence.rigid_mm, evidence.gives_way_mm, "poses fitted"
     if evidence.held_out_rigid_mm is not None and evidence.held_out_gives_way_mm is not None:
         rigid_mm, elastic_mm = evidence.held_out_rigid_mm, evidence.held_out_gives_way_mm
@@ -153,8 +157,8 @@ def _by_sag(evidence: discovery.EvidenceOfSag) -> str:
     )
 
 
-def _by_repeats(evidence: discovery.EvidenceByRepeats) -> str:
-    """Describe evidence, sign flips and cross-validation of an effect."""
+def _repeats_evidence_text(evidence: discovery.EvidenceByRepeats) -> str:
+    """Return evidence, sign flips and cross-validation of an effect, in words."""
     held_out = f"{100.0 * evidence.cross_validation_over_poses.explained:.0f} % over poses"
     if (over_loads := evidence.cross_validation_over_loads) is not None:
         held_out += f", {100.0 * over_loads.explained:.0f} % over loads"
@@ -172,18 +176,31 @@ def _positions_seen(
     """Yield joint, positions that the fit has seen, and those within its limits."""
     fitted: Any = model.fitted_model
     rows = fitted["arm"]["rows"]
+    if not fitted.get("seen"):
+        return
+    coverage = AngleCoverage.from_plain(fitted["seen"], len(rows))
     coupling = coupling_of(fitted)
     # Limits are those of the axes that the controller counts; of one that slides in metres.
     axis_limits = np.array([row["limits_rad"] for row in rows], float)[coupling.own]
-    joints = zip(fitted.get("seen") or (), rows, coupling.joint_ranges(axis_limits), strict=False)
-    for number, (seen, row, limits) in enumerate(joints, start=1):
-        allowed = [limits] if np.isfinite(limits).all() else []
-        slides = row["prismatic"]
-        yield str(number), _ranges(seen.get("intervals"), slides), _ranges(allowed, slides)
+    for joint, limits in enumerate(coupling.joint_ranges(axis_limits)):
+        limited, slides = bool(np.isfinite(limits).all()), rows[joint]["prismatic"]
+        seen = coverage.intervals[joint]
+        if coverage.turns[joint]:
+            low, high = limits if limited else (-math.pi, math.pi)
+            seen = _joined(coverage.intervals_within(joint, low, high))
+        allowed = limits[None] if limited else ()
+        yield str(joint + 1), _ranges(seen, slides), _ranges(allowed, slides)
 
 
-def _ranges(intervals: Sequence[Array] | None, slides: bool) -> str | None:
+def _joined(intervals: Array) -> Array:
+    """Return ascending intervals (m, 2), those that touch as one."""
+    begins = np.ones(len(intervals), dtype=bool)
+    begins[1:] = ~np.isclose(intervals[1:, 0], intervals[:-1, 1])
+    return np.column_stack([intervals[begins, 0], intervals[np.roll(begins, -1), 1]])
+
+
+def _ranges(intervals: Iterable[Array], slides: bool) -> str | None:
     """Return intervals [m or rad] in words; None where there are none."""
     unit, scale = ("mm", 1e3) if slides else ("°", 180.0 / math.pi)
-    texts = [f"{scale * low:.1f} to {scale * high:.1f} {unit}" for low, high in intervals or ()]
+    texts = [f"{scale * low:.1f} to {scale * high:.1f} {unit}" for low, high in intervals]
     return ", ".join(texts) or None
