@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from pa10cal.arrays import Array
-from pa10cal.fit.validity import AngleCoverage
 from pa10cal.reports.blocks import Callout, Grid, Items, PageBlock, Paragraph, SideBySide, grid
 from pa10cal.reports.formatting import named, sentence
 from pa10cal.reports.missing import coupling_of
@@ -21,6 +20,8 @@ from pa10cal.terms.wording import sag_text
 
 #: Of more poses with suspected outliers a check names only the first; their table has all.
 _MOST_OUTLIERS = 6
+#: Angles between which those of a joint without limits are shown [rad].
+_ONE_TURN = np.array([-math.pi, math.pi])
 
 
 def trust(results: ResultsBundle, case: CalibrationRecord) -> Iterator[PageBlock]:
@@ -175,28 +176,34 @@ def _positions_seen(
 ) -> Iterator[tuple[str, str | None, str | None]]:
     """Yield joint, positions that the fit has seen, and those within its limits."""
     fitted: Any = model.fitted_model
-    rows = fitted["arm"]["rows"]
-    if not fitted.get("seen"):
+    if fitted.get("seen") is None:
         return
-    coverage = AngleCoverage.from_plain(fitted["seen"], len(rows))
+    rows = fitted["arm"]["rows"]
     coupling = coupling_of(fitted)
     # Limits are those of the axes that the controller counts; of one that slides in metres.
     axis_limits = np.array([row["limits_rad"] for row in rows], float)[coupling.own]
-    for joint, limits in enumerate(coupling.joint_ranges(axis_limits)):
-        limited, slides = bool(np.isfinite(limits).all()), rows[joint]["prismatic"]
-        seen = coverage.intervals[joint]
-        if coverage.turns[joint]:
-            low, high = limits if limited else (-math.pi, math.pi)
-            seen = _joined(coverage.intervals_within(joint, low, high))
-        allowed = limits[None] if limited else ()
-        yield str(joint + 1), _ranges(seen, slides), _ranges(allowed, slides)
+    joints = zip(fitted["seen"], rows, coupling.joint_ranges(axis_limits), strict=True)
+    for number, (seen, row, limits) in enumerate(joints, start=1):
+        allowed = [limits] if np.isfinite(limits).all() else []
+        intervals = seen["intervals"]
+        if seen["turns"]:
+            intervals = _turn_by_turn(np.reshape(intervals, (-1, 2)), *(allowed or [_ONE_TURN]))
+        yield str(number), _ranges(intervals, row["prismatic"]), _ranges(allowed, row["prismatic"])
 
 
-def _joined(intervals: Array) -> Array:
-    """Return ascending intervals (m, 2), those that touch as one."""
-    begins = np.ones(len(intervals), dtype=bool)
-    begins[1:] = ~np.isclose(intervals[1:, 0], intervals[:-1, 1])
-    return np.column_stack([intervals[begins, 0], intervals[np.roll(begins, -1), 1]])
+def _turn_by_turn(intervals: Array, limits: Array) -> list[Array]:
+    """Return intervals (m, 2) of angles modulo a turn, in [0, 2 pi], between limits (2,) [rad].
+
+    Those that touch, as at the end of a turn, become one.
+    """
+    joined: list[Array] = []
+    for turn in range(math.floor(limits[0] / math.tau), math.floor(limits[1] / math.tau) + 1):
+        for low, high in np.clip(intervals + turn * math.tau, *limits):
+            if joined and math.isclose(joined[-1][1], low, abs_tol=1e-9):
+                joined[-1] = np.array([joined[-1][0], high])
+            elif low < high:
+                joined.append(np.array([low, high]))
+    return joined
 
 
 def _ranges(intervals: Iterable[Array], slides: bool) -> str | None:
