@@ -69,7 +69,11 @@ class _Rivals:
 
 
 def gear_lines(
-    rows: WhitenedPoses, error_rate: float, known: Collection[str] = ()
+    rows: WhitenedPoses,
+    error_rate: float,
+    known: Collection[str] = (),
+    *,
+    in_maps: bool = False,
 ) -> tuple[GearLine, ...]:
     """Return the line of each joint that has one, in the residual of a model or in its maps.
 
@@ -80,6 +84,8 @@ def gear_lines(
         rows: the poses about the model.
         error_rate: probability allowed of finding a line where there is none.
         known: places of lines that the model has.
+        in_maps: whether maps are coarse: then a line may stand in the place of each, also one of
+            fewer cycles. Fine ones follow those.
     """
     rows = rows.at_most(LINES.most_poses)
     at, poses, arm = rows.at, rows.poses, rows.at.arm
@@ -102,9 +108,11 @@ def gear_lines(
     # What a map cannot follow of a line looks like another line beside it.
     mapped = [term.joint for term in maps if term.joint in joints]
     times = LINES.of_map_times
-    in_maps = _lines(rows, mapped, rivals, data, error_rate, times, in_maps=True) if mapped else ()
-    taken = {line.of for line in in_maps}
-    found = (*in_maps, *(line for line in beside_maps if line.of not in taken))
+    instead: tuple[GearLine, ...] = ()
+    if in_maps and mapped:
+        instead = _lines(rows, mapped, rivals, data, error_rate, times, in_maps=True)
+    taken = {line.of for line in instead}
+    found = (*instead, *(line for line in beside_maps if line.of not in taken))
     if found or not maps:
         return found
     return _lines(rows, joints, rivals, data, error_rate, times)

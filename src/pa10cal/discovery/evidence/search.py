@@ -312,7 +312,8 @@ def _residual_rows(problem: EvidenceProblem, found: EvidenceFit) -> WhitenedPose
 def _lines(ended: EndOfSearch, error_rate: float) -> tuple[Effect, ...]:
     """Return the lines of gears in the residuals of a search, at joints where none was tried."""
     tried = [each.of for each in ended.family if each.id == GearLine.id]
-    lines = gear_lines(_residual_rows(ended.problem, ended.fit), error_rate, tried)
+    rows = _residual_rows(ended.problem, ended.fit)
+    lines = gear_lines(rows, error_rate, tried, in_maps=True)
     mapped = {each.of for each in ended.fit.effects if is_error_map(each)}
     return tuple(_in_place_of_map(ended, line) if line.of in mapped else line for line in lines)
 
