@@ -164,11 +164,14 @@ class _Problem:
         A plausible size is that of the joints of industrial arms: ten times as much is usual of
         small servos. It says which effects are likely, not how large one is that the poses show,
         whose amount would be pulled toward zero. An effect within its plausible size keeps it, and
-        so do maps, whose prior makes them smooth.
+        so do maps, whose prior makes them smooth, and effects with a shape: of a wind-up that
+        saturates beyond all torques only the ratio of its two numbers shows, and both would grow.
         """
         prior = self._usual_prior.copy()
         for effect in filter(is_named, self._effects):
             at = self._model.columns_of(effect)
+            if effect.linear < len(effect.parameters):
+                continue
             size = effect.size(x[at][: effect.linear])
             prior[at, at] /= max(1.0, size) ** 2
         problem = copy(self)
