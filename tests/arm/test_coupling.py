@@ -16,7 +16,7 @@ from pa10cal.arm.statics import Payload, statics
 from pa10cal.arm.workspace import above, draw_within
 from pa10cal.errors import ArmError, SettingsError
 from pa10cal.files.arms import arm_text, load_arm, parse_arm
-from pa10cal.files.coupling import coupling_in_words
+from pa10cal.files.coupling import coupling_in_words, set_coupling
 from pa10cal.fit.model_reading import load_model
 from pa10cal.fit.plain_arm import arm_from_plain, arm_to_plain
 from pa10cal.options import Tolerances
@@ -278,3 +278,15 @@ def test_couplings_of_older_models_are_only_counted():
     assert arm_from_plain(plain).coupled == arm.coupled
     del plain["coupling"][0]["counted_only"]
     assert arm_from_plain(plain).coupled == (CoupledJoint(3, 2, -1.0, counted_only=True),)
+
+
+def test_the_remedy_says_that_a_coupling_may_only_be_counted():
+    """Positions do not tell it, and springs under the wrong torques are worse (a measured FANUC)."""
+    arm = load_arm("pa10_6ce")
+    said = set_coupling((CoupledJoint(3, 2, 1.0),), arm)
+    assert "[{joint: 3, by: 2, factor: 1}]" in said
+    assert "counted_only: true where the motor of joint 3 is at the joint itself" in said
+    known = set_coupling((CoupledJoint(3, 2, 1.0, counted_only=True),), arm)
+    assert known.endswith("or in the arm's description")
+    assert "{joint: 3, by: 2, factor: 1, counted_only: true}" in known
+    assert "where the motor" not in set_coupling((CoupledJoint(3, 2, 1.0, follows=True),), arm)

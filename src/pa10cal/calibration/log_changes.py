@@ -225,6 +225,8 @@ class ChangedLog:
             by, follows = int(coupling.own[axis]) + 1, joint not in coupling.own
             found = CoupledJoint(joint + 1, by, float(matrix[joint, axis]), follows)
             before = stated.get((found.joint, found.by))
+            if before is not None:
+                found = replace(found, counted_only=before.counted_only)
             same = before is not None and np.isclose(before.factor, found.factor)
             coupled.append(before if before is not None and same else found)
         return tuple(coupled)

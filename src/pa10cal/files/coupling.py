@@ -176,13 +176,31 @@ def _short(value: float) -> float | int:
 
 
 def set_coupling(coupled: Sequence[CoupledJoint], arm: Arm) -> str:
-    """Return the remedy that states coupled joints of an arm."""
+    """Return the remedy that states coupled joints of an arm.
+
+    Joint positions alone do not tell whether bars couple two joints that turn or the controller
+    only counts them together; their springs differ.
+    """
     entries = []
     for joint in coupled:
         stated = stated_coupling(joint, arm.prismatic)
         pairs = (f"{key}: {_in_yaml(value)}" for key, value in stated.items())
         entries.append(f"{{{', '.join(pairs)}}}")
-    return f"set coupling: [{', '.join(entries)}] in campaign.yaml, or in the arm's description"
+    either = [
+        str(each.joint)
+        for each in coupled
+        if not (
+            each.counted_only or each.follows or arm.prismatic[[each.joint - 1, each.by - 1]].any()
+        )
+    ]
+    counted = (
+        f", with counted_only: true where the motor of joint {' or '.join(either)} is at the joint "
+        "itself, as FANUC's"
+    )
+    return (
+        f"set coupling: [{', '.join(entries)}] in campaign.yaml, or in the arm's description"
+        f"{counted if either else ''}"
+    )
 
 
 def _in_yaml(value: object) -> str:
