@@ -281,7 +281,7 @@ def test_couplings_of_older_models_are_only_counted():
 
 
 def test_the_remedy_says_that_a_coupling_may_only_be_counted():
-    """Positions do not tell it, and springs under the wrong torques are worse (a measured FANUC)."""
+    """Positions do not tell it; springs under the wrong torques are worse (a measured FANUC)."""
     arm = load_arm("pa10_6ce")
     said = set_coupling((CoupledJoint(3, 2, 1.0),), arm)
     assert "[{joint: 3, by: 2, factor: 1}]" in said

@@ -141,6 +141,14 @@ def test_errors_of_joints_far_above_a_rounding_are_told(tmp_path):
     assert "readings show errors of joints about 1" in told  # 10.4 times
 
 
+def test_a_rounding_far_below_the_errors_of_joints_is_not_shown(tmp_path):
+    raw, arm = sighted(tmp_path, "points", poses=60), load_arm("ur10")
+    logged_deg = np.round(np.degrees(raw.q), 4)
+    off_deg = 0.03 * np.random.default_rng(3).standard_normal(raw.q.shape)
+    _with_positions(raw, arm, logged_deg, np.radians(logged_deg + off_deg))
+    assert not [warning for warning in ingest(raw).warnings if "rounded" in warning]
+
+
 def test_exact_positions_in_decimals_stay_exact_beside_an_effect(tmp_path):
     raw, arm = sighted(tmp_path, "points", poses=60), load_arm("ur10")
     logged_deg = np.round(np.degrees(raw.q), 2)

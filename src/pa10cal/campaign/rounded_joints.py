@@ -393,7 +393,9 @@ def _times_of_rounding(remainder: _Remainder, u: Array) -> float | None:
     effects_alone = remainder.likeliest(u, no_errors, of_effects)
     if rounded_at_least.log <= effects_alone.log + _GAIN:
         return None
-    return float(np.median(rounded_at_least.times[u > 0.0]))
+    times = float(np.median(rounded_at_least.times[u > 0.0]))
+    # At the bound errors are of another kind, beside which readings show no rounding.
+    return None if np.isclose(times, _MOST_TIMES) else times
 
 
 class _Likeliest(NamedTuple):

@@ -148,8 +148,8 @@ def _lines(
     by_joint = rows.whitener @ jacobians.by_joints(rows.at, rows.poses, joints)
     q_rad = rows.poses.states.q_rad
     spectra = [
-        _Periodogram.of(rivals, by_joint[:, :, k], q_rad[:, joint - 1], in_maps=in_maps)
-        for k, joint in enumerate(joints)
+        _Periodogram.of(rivals, by_joint[:, :, k], angles, _lowest_order(angles, in_maps=in_maps))
+        for k, angles in enumerate(q_rad.T[np.array(joints) - 1])
     ]
     needed = float(np.log(sum(len(spectrum.orders) for spectrum in spectra) / error_rate))
     found = []
@@ -175,7 +175,7 @@ class _Periodogram:
     lowest: float  # order from which on a line is sought [cycles a turn]
 
     @classmethod
-    def of(cls, rivals: _Rivals, by_joint: Array, q_rad: Array, *, in_maps: bool) -> _Periodogram:
+    def of(cls, rivals: _Rivals, by_joint: Array, q_rad: Array, lowest: float) -> _Periodogram:
         """Return that of a joint by its whitened column (P, b) and its angles (P,)."""
         return cls(
             q_rad=q_rad,
@@ -183,7 +183,7 @@ class _Periodogram:
             rivals_by_joint=np.einsum("pbn,pb->pn", rivals.columns, by_joint),
             squares=np.sum(by_joint**2, axis=1),
             data_by_joint=np.sum(by_joint * rivals.data, axis=1),
-            lowest=_lowest_order(q_rad, in_maps=in_maps),
+            lowest=lowest,
         )
 
     @property

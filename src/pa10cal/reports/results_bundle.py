@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import islice
@@ -38,7 +38,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
 _R = TypeVar("_R", bound=Record)
-_Plane = TypeVar("_Plane", PlaneRecord, PlaneNotStudied)
 
 #: Larger files are neither listings of rows nor logs of a stage [bytes].
 _MOST_TEXT_BYTES = 64_000_000
@@ -179,24 +178,23 @@ class ResultsBundle:
     @cached_property
     def planes(self) -> list[PlaneRecord]:
         """The planes of the Monte Carlo that were studied, from low to high."""
-        return self._planes(PlaneRecord, self._plane_files_there)
+        return [plane for plane in self._planes_there if isinstance(plane, PlaneRecord)]
 
     @cached_property
     def planes_not_studied(self) -> list[PlaneNotStudied]:
         """Those that are not for this arm, from low to high."""
-        return self._planes(PlaneNotStudied, self._plane_files_there)
+        return [plane for plane in self._planes_there if isinstance(plane, PlaneNotStudied)]
 
-    @property
-    def _plane_files_there(self) -> list[str]:
+    @cached_property
+    def _planes_there(self) -> list[PlaneRecord | PlaneNotStudied]:
         files = (self.folder / "montecarlo").glob("z*.json")
-        return [f"montecarlo/{path.name}" for path in files]
-
-    def _planes(self, kind: type[_Plane], files: Iterable[str]) -> list[_Plane]:
-        """Return the planes of these files that are of one kind, from low to high."""
-        other = PlaneRecord if kind is PlaneNotStudied else PlaneNotStudied
-        of_kind = (file for file in files if schema_of(self.folder / file) != other.SCHEMA)
-        planes = [self.read(kind, file) for file in of_kind]
+        planes = [self._plane(f"montecarlo/{path.name}") for path in files]
         return sorted(planes, key=lambda plane: plane.plane_mm)
+
+    def _plane(self, file: str) -> PlaneRecord | PlaneNotStudied:
+        if schema_of(self.folder / file) == PlaneNotStudied.SCHEMA:
+            return self.read(PlaneNotStudied, file)
+        return self.read(PlaneRecord, file)
 
     @cached_property
     def poses(self) -> pd.DataFrame | None:
@@ -408,7 +406,8 @@ class ResultsBundle:
 
     def planes_of_settings(self) -> list[PlaneRecord]:
         """Read the Monte Carlo of every plane of the settings that was studied, low to high."""
-        return self._planes(PlaneRecord, self.plane_files)
+        planes = map(self._plane, self.plane_files)
+        return [plane for plane in planes if isinstance(plane, PlaneRecord)]
 
 
 def results_bundle(
