@@ -2,6 +2,8 @@
 
 `python -m benchmarks.promised RESULTS …` takes folders of results of campaigns with held-out poses
 (`pa10cal chain`, `pa10cal run`): the extended model where there is one, else the calibrated one.
+The promise of an extended model is at least what its held-out poses show beyond chance (decision
+50): a ratio far above one would be a fault, one below it says nothing of further poses.
 """
 
 from __future__ import annotations

@@ -256,6 +256,9 @@ class Lack:
     # standard errors by which all components show more than the certain ones where they count
     # alike (level)
     surely: float = 2.0
+    # twice the log likelihood ratio above which errors at poses kept apart exceed those promised:
+    # 95 % of chi square of one degree of freedom (level)
+    beyond_chance: float = 3.84
     # poses whose residual is so many times the usual one count less in the fit of the others
     # (level)
     far: float = 3.0

@@ -103,6 +103,30 @@ def test_a_few_gross_errors_are_no_property_of_the_model(complete):
     assert u_mm[0] == pytest.approx(u_mm[1], rel=0.25)
 
 
+@pytest.mark.parametrize(
+    ("ratio", "rows"), [(0.0, slice(None)), (3.0, slice(None)), (9.0, slice(3, 4))]
+)
+def test_poses_that_nothing_was_chosen_by_raise_the_promise_where_they_exceed_it(
+    complete, ratio, rows
+):
+    campaign, model = complete
+    fitted, apart = (
+        model.as_modelled(average_repeats(campaign.observations.of_kind(kind)))
+        for kind in ("grid", "holdout")
+    )
+    error_mm = np.sqrt(np.mean(model.deviations(apart).distance_mm ** 2))
+    p_instr_m = apart.measured.p_instr_m.copy()
+    off_m = ratio * 1e-3 * error_mm / np.sqrt(3.0)
+    p_instr_m[rows] += np.random.default_rng(1).normal(0.0, off_m, p_instr_m[rows].shape)
+    worse = replace(apart, measured=replace(apart.measured, p_instr_m=p_instr_m))
+    without, found = discrepancy_of(model, fitted), discrepancy_of(model, fitted, kept_apart=worse)
+    more_mm2 = found.error_mm**2 - without.error_mm**2
+    if ratio != 3.0:  # chance, or a gross error
+        np.testing.assert_array_equal(more_mm2, 0.0)
+        return
+    np.testing.assert_allclose(more_mm2, ratio**2 * error_mm**2, rtol=0.25)
+
+
 def test_of_a_complete_model_little_is_lacking(complete):
     ratio, _, promised = ratio_and_share(*complete)
     assert 0.7 < ratio < 1.3

@@ -35,7 +35,7 @@ from pa10cal.discovery.tuning import PLACES
 from pa10cal.fit.discrepancy import discrepancy_of
 from pa10cal.fit.fitted import FallBack, FittedTo, Otherwise
 from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.fit.validity import AngleCoverage
+from pa10cal.fit.validity import AngleCoverage, Discrepancy
 from pa10cal.observe.observations import Observations
 from pa10cal.results.analysis import LackOfFit, PureErrorTest
 from pa10cal.results.calibration import EffectByCampaign
@@ -407,8 +407,8 @@ class Verdict(Generic[S]):
         if self.predicted is not None:
             if falls_back is not None and self.holds_nowhere:
                 with_fit = with_field(self.baseline, self.predicted.fit)
-                discrepancy = discrepancy_of(with_fit, self.train.poses)
-                falls_back = replace(falls_back, model=replace(with_fit, discrepancy=discrepancy))
+                with_fit = replace(with_fit, discrepancy=self._discrepancy_of(with_fit))
+                falls_back = replace(falls_back, model=with_fit)
             else:
                 fitted = with_field(fitted, self.predicted.fit)
         targets_stated = self.prepared.readings.measured.by_stated_targets.shape[2]
@@ -417,10 +417,16 @@ class Verdict(Generic[S]):
             fitted_to=self._fitted_to(),
             targets_off_m=self.scorer.targets_off_m(targets_stated),
             seen=self.baseline.seen if self.scorer.seen is None else self.scorer.seen,
-            discrepancy=discrepancy_of(fitted, self.train.poses),
+            discrepancy=self._discrepancy_of(fitted),
             falls_back=falls_back,
             otherwise=self.otherwise,
         )
+
+    def _discrepancy_of(self, fitted: FittedModel) -> Discrepancy | None:
+        """Return what a model lacks by the fitted poses, and by those held out of this campaign."""
+        held_out = self.trusted_holdout
+        kept_apart = None if held_out is None else held_out.poses
+        return discrepancy_of(fitted, self.train.poses, kept_apart=kept_apart)
 
     def _fitted_to(self) -> FittedTo | None:
         """Return what the model was fitted to, its grade as the effects leave it."""

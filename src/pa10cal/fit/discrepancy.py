@@ -46,7 +46,10 @@ _TINY, _NO_VARIANCE, _NO_SQUARE_MM2 = 1e-300, 1e-24, 1e-18
 
 
 def discrepancy_of(
-    model: Fitted, poses: Observations, expected: GaussianPrior | None = None
+    model: Fitted,
+    poses: Observations,
+    expected: GaussianPrior | None = None,
+    kept_apart: Observations | None = None,
 ) -> Discrepancy | None:
     """Return the discrepancy of a model; None where there are too few poses to hold some out.
 
@@ -56,6 +59,8 @@ def discrepancy_of(
         poses: the averaged poses that it was fitted to, as modelled.
         expected: prior of the model's parameters that its fit had besides these poses; None for
             none.
+        kept_apart: averaged poses, as modelled, by which nothing of the model was chosen: what they
+            show beyond it is added. None for none.
     """
     poses = poses.thinned_by_pose(LACK.most_poses)
     _, label = np.unique(poses.pose, return_inverse=True)
@@ -92,7 +97,7 @@ def discrepancy_of(
     expected_mm2 = max(float(np.average(errors_mm2, weights=weights)), 0.0)
     own_mm2 = rows.beyond_noise_mm2(poses.measured.by_stated_targets, certainty)
     mean_mm2 = mean_mm2 + max(own_mm2 - expected_mm2, 0.0)
-    return Discrepancy(
+    found = Discrepancy(
         q=poses.states.q_rad[places],
         lever_m=lever_m,
         turns=turns,
@@ -100,6 +105,38 @@ def discrepancy_of(
         error_mm=np.sqrt(mean_mm2),
         near_m=near_m,
     )
+    if kept_apart is None or not len(kept_apart):
+        return found
+    apart = RowsAboutFit.of(model, kept_apart).with_noise_by(rows.of_noise)
+    more_mm2 = _beyond_promised_mm2(model, found, apart, kept_apart.states.q_rad)
+    return replace(found, error_mm=np.sqrt(mean_mm2 + more_mm2))
+
+
+def _beyond_promised_mm2(
+    model: Fitted, found: Discrepancy, apart: RowsAboutFit, q_rad: Array
+) -> float:
+    """Return by how much squared errors at poses kept apart exceed those promised; 0 for chance.
+
+    What was chosen of a model by the poses fitted looks better by these, however they are held out.
+    All errors of a cluster of neighbours count as one.
+    """
+    points = embedded(q_rad, found.lever_m, found.turns)
+    clusters = min(LACK.groups, len(points) // LACK.least_in_group)
+    if clusters < 2 or model.covariance is None:
+        return 0.0
+    error_mm2, expected_mm2 = apart.squares_mm2(model.covariance)
+    promised_mm2 = expected_mm2 + found.error_at_mm(q_rad) ** 2
+    cluster = clusters_of(points, clusters, np.random.default_rng(0))
+    errors, promised = (
+        np.bincount(cluster, apart.trust * of_poses) for of_poses in (error_mm2, promised_mm2)
+    )
+    seen = promised > 0.0
+    over = float(np.mean(errors[seen] / promised[seen]))
+    # twice the log likelihood ratio of a variance, by one deviate from each cluster
+    surely = np.count_nonzero(seen) * (over - 1.0 - np.log(max(over, _TINY)))
+    if over <= 1.0 or surely <= LACK.beyond_chance:
+        return 0.0
+    return (over - 1.0) * float(np.average(promised_mm2, weights=apart.trust))
 
 
 def lacking_mm(found: Discrepancy | None, q_rad: Array) -> float:
@@ -300,6 +337,7 @@ class RowsAboutFit:
     components_factor: float
     trust: Array  # (P,) by how much the error of each pose counts, 1 but for gross errors
     before: Gaussian  # what was known of the unknowns besides the rows
+    of_noise: float = 1.0  # variance of the noise over the stated one
 
     @property
     def by_unknowns(self) -> Array:
@@ -376,16 +414,30 @@ class RowsAboutFit:
         )
         if model.covariance is None:
             return about
-        with_base = np.append(free, len(model.x) + np.arange(len(BASE)))
-        covariance = model.covariance[np.ix_(with_base, with_base)]
-        return replace(about, of_parameters=about._share_of_variance(covariance))
+        return replace(about, of_parameters=about._share_of_variance(model.covariance))
+
+    def _by_parameters_mm2(self, covariance: Array) -> Array:
+        """Return what a model's covariance (k, k) adds to the square of the position error, (P,).
+
+        That of its maps is left out.
+        """
+        base = len(covariance) - len(BASE) + np.arange(len(BASE))
+        known = np.append(self.parameter_index, base)
+        moved_mm = self.to_mm[:, :, None] * self.by_unknowns[:, :, : len(known)]
+        of_known = covariance[np.ix_(known, known)]
+        return np.asarray(np.einsum("pbk,pbk->p", moved_mm @ of_known, moved_mm))
 
     def _share_of_variance(self, covariance: Array) -> float:
-        """Return `of_parameters` by the model's covariance of the first unknowns, at most 1."""
-        moved_mm = self.to_mm[:, :, None] * self.by_unknowns[:, :, : len(covariance)]
-        by_model_mm2 = np.einsum("pbk,kl,pbl->", moved_mm, covariance, moved_mm, optimize=True)
+        """Return `of_parameters` by the model's covariance, at most 1."""
+        by_model_mm2 = float(self._by_parameters_mm2(covariance).sum())
         by_rows_mm2 = float(np.sum(self.to_mm**2 * self.solved(self.every, self.columns)[1]))
-        return min(float(by_model_mm2) / max(by_rows_mm2, _TINY), 1.0)
+        return min(by_model_mm2 / max(by_rows_mm2, _TINY), 1.0)
+
+    def squares_mm2(self, covariance: Array) -> tuple[Array, Array]:
+        """Return squared position errors (P,), and those by noise and a model's covariance (P,)."""
+        error_mm2 = np.sum((self.to_mm * self.residual) ** 2, axis=1)
+        expected_mm2 = self.noise_mm2.sum(axis=1) + self._by_parameters_mm2(covariance)
+        return self.components_factor * error_mm2, self.components_factor * expected_mm2
 
     def with_noise_of_pairs(self, points: Array, label: Index, within_m: float) -> RowsAboutFit:
         """Return the rows with noise estimated from nearest neighbours, where it is the smaller.
@@ -404,7 +456,11 @@ class RowsAboutFit:
         trust = (self.trust * self.trust[other])[near]
         stated = 0.5 * (self.noise_mm2 + self.noise_mm2[other]).sum(axis=1)[near]
         part = float(np.sum(trust * half)) / max(float(np.sum(trust * stated)), _TINY)
-        return replace(self, noise_mm2=min(part, 1.0) * self.noise_mm2)
+        return self.with_noise_by(min(part, 1.0))
+
+    def with_noise_by(self, factor: float) -> RowsAboutFit:
+        """Return the rows with variances of noise times a factor."""
+        return replace(self, noise_mm2=factor * self.noise_mm2, of_noise=factor)
 
     def certainty(self, square_mm2: Array) -> Array:
         """Return by how much each component counts in mean squares beyond noise, (P, b).
