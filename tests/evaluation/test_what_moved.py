@@ -162,15 +162,16 @@ def test_what_sags_at_the_tool_is_no_tool_and_a_field_stays_out_of_it(pair):
     def with_both(model):
         for term, x in ((ToolSag("tool"), np.array([1e-4])), (field, np.full(6, 1e-4))):
             k, n = len(model.x), len(x)
-            covariance = np.zeros((k + n + 6,) * 2)
-            rest = [*range(k), *range(k + n, k + n + 6)]
+            size = len(model.covariance) + n
+            covariance = np.zeros((size, size))
+            rest = [*range(k), *range(k + n, size)]
             covariance[np.ix_(rest, rest)] = model.covariance
             covariance[range(k, k + n), range(k, k + n)] = 1e-12
             terms = (*model.model.terms[:-1], term, model.model.terms[-1])
             order = model.model.parameter_indices(*model.model.terms[:-1])
             assert np.array_equal(order, np.arange(len(order)))
             x = np.concatenate([model.x[: len(order)], x, model.x[len(order) :]])
-            inside = [*order, *range(k, k + n), *range(len(order), k), *range(k + n, k + n + 6)]
+            inside = [*order, *range(k, k + n), *range(len(order), k), *range(k + n, size)]
             model = replace(
                 model,
                 model=Model(model.model.chain, terms),
@@ -352,9 +353,9 @@ def test_springs_of_unlike_forms_and_of_one_model_alone_are_told():
 
 
 def without_variance(model, *names):
-    """Return the model without uncertainty of some parameters; of the base where none is named."""
+    """Return the model without uncertainty of parameters; of the frames if none is named."""
     held = [parameter.name in names for parameter in model.model.parameters]
-    held = np.flatnonzero([*held, *[not names] * 6])
+    held = np.flatnonzero([*held, *[not names] * (len(model.covariance) - len(held))])
     covariance = model.covariance.copy()
     covariance[held] = covariance[:, held] = 0.0
     return replace(model, covariance=covariance)
@@ -381,7 +382,11 @@ def test_parameters_that_differ_without_uncertainty_are_not_compared():
 
 def with_target(seed, z_m):
     model = campaign(seed, terms=lambda arm: parts(arm)[:-1])
-    return replace(model, targets_m=np.array([0.0, 0.0, z_m]), target_names=("a",))
+    covariance = np.pad(model.covariance, (0, 3))
+    at = len(model.covariance) + np.arange(3)
+    covariance[at, at] = (1e-5) ** 2
+    place_m = np.array([0.0, 0.0, z_m])
+    return replace(model, targets_m=place_m, target_names=("a",), covariance=covariance)
 
 
 def test_targets_without_uncertainty_and_those_beside_a_tool_are_not_compared():

@@ -12,6 +12,7 @@ import pytest
 import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from scipy.linalg import block_diag
 
 from made_up_model import fitted, fitted_to, postures, vocabulary
 from made_up_poses import at_rest, measured_poses
@@ -146,9 +147,26 @@ def test_the_flange_is_the_flange_and_the_tool_hangs_on_it():
     np.testing.assert_allclose(flange @ T, tool, atol=1e-12)
 
 
+def with_targets(model, u_m=0.0, **places_m):
+    """Return a model with targets that are known to an uncertainty, independently of all else."""
+    covariance = block_diag(model.covariance, u_m**2 * np.eye(3 * len(places_m)))
+    targets_m = np.concatenate([*places_m.values()]).astype(float)
+    names = tuple(places_m)
+    return replace(model, targets_m=targets_m, target_names=names, covariance=covariance)
+
+
+def test_a_target_is_as_uncertain_as_its_place_in_the_flange_makes_it():
+    model = fitted("ur10", 6, links_only)
+    q = postures(model.arm, 5)
+    known, guessed = (with_targets(model, u_m, A=[0.1, 0, 0], B=[0, 0.2, 0]) for u_m in (0.0, 1e-4))
+    for frame, added_mm in (("target_B", 0.1 * np.sqrt(3.0)), ("flange", 0.0)):
+        of_known, of_guessed = (each.predict(q, frame=frame).u_mm for each in (known, guessed))
+        np.testing.assert_allclose(of_guessed, np.hypot(of_known, added_mm), rtol=1e-12)
+
+
 def test_targets_hang_on_the_flange():
     model = fitted("iiwa14", 6, links_only)
-    model = replace(model, targets_m=np.array([0.1, 0, 0, 0, 0.2, 0]), target_names=("A", "B"))
+    model = with_targets(model, A=[0.1, 0, 0], B=[0, 0.2, 0])
     q = postures(model.arm, 5)
     flange = model.predict(q).T
     b = flange[:, :3, 3] + 0.2 * flange[:, :3, 1]
@@ -159,7 +177,7 @@ def test_targets_hang_on_the_flange():
 
 def test_a_target_goes_with_a_tool_that_gives_way_and_the_flange_does_not():
     model = fitted("ur10", 6, lambda arm: (*links_only(arm), ToolSag("tool")))
-    model = replace(model, targets_m=np.array([0.0, 0.1, 0.2]), target_names=("A",))
+    model = with_targets(model, A=[0.0, 0.1, 0.2])
     sag = model.model.columns_of(model.model.terms[-1])
     stiff = replace(model, x=np.where(np.arange(len(model.x)) == sag.start, 0.0, model.x))
     q = postures(model.arm, 5)

@@ -377,12 +377,15 @@ def not_sought(
     floor_mm = mean_noise_error_mm(poses.measured, cov)
     compared = partial(gap, before=baseline, after=baseline, noise_floor_mm=floor_mm)
     x, covariance = np.concatenate([baseline.x, np.zeros(6)]), calibrated.covariance
-    at = replace(baseline, model=with_base_motion(baseline), x=x)
+    at, unknowns = (
+        replace(baseline, model=with_base_motion(baseline), x=x),
+        len(x) + len(baseline.targets_m),
+    )
     return Verdict(
         prepared=campaign,
         scorer=NotSought(
             extended=ModelWithEffects(effects=(), at=at, converged=True, iterations=0),
-            covariance=np.full((len(x), len(x)), np.nan) if covariance is None else covariance,
+            covariance=np.full((unknowns, unknowns), np.nan) if covariance is None else covariance,
             calibrated=calibrated,
             cov=cov,
         ),

@@ -18,7 +18,6 @@ from typing import TypeVar
 
 import numpy as np
 
-from pa10cal.arm.chain import BASE
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index
 from pa10cal.discovery.nameless import AddedTerms, effects_together, with_terms
@@ -246,17 +245,14 @@ def _squares_by_group(added: AddedTerms, group: Index) -> Iterator[tuple[float, 
 
 def with_field(model: F, fit: FieldFit) -> F:
     """Return the model with the terms of a fit added last; its discrepancy is then not known."""
-    k, at = len(model.x), with_terms(model, fit.terms)
+    k, extended = len(model.x), with_terms(model, fit.terms)
     covariance = None
     if model.covariance is not None:
-        # Parameters of the model, then those of the fit, then six motions of the base.
-        order = [*range(k), *range(k + len(BASE), k + len(BASE) + len(fit.x)), *range(k, k + 6)]
-        size = len(order)
-        covariance = np.zeros((size, size))
-        covariance[: k + 6, : k + 6] = model.covariance
-        covariance[k + 6 :, k + 6 :] = fit.covariance
-        covariance = covariance[np.ix_(order, order)]
-    return replace(at, x=np.concatenate([model.x, fit.x]), covariance=covariance)
+        # Parameters of the model, then those of the fit, then base and targets.
+        at, of_fit = np.full(len(fit.x), k), k + np.arange(len(fit.x))
+        covariance = np.insert(np.insert(model.covariance, at, 0.0, axis=0), at, 0.0, axis=1)
+        covariance[np.ix_(of_fit, of_fit)] = fit.covariance
+    return replace(extended, x=np.concatenate([model.x, fit.x]), covariance=covariance)
 
 
 def by_joint(model: Fitted, extended: Fitted, states: PoseStates) -> Array:

@@ -45,6 +45,7 @@ from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.model_reading import models_of
 from pa10cal.fit.model_writing import model_to_plain
 from pa10cal.fit.problem import Solution, identify, not_identifiable
+from pa10cal.observe.instrument import target_coordinates
 from pa10cal.observe.observations import Observations, average_repeats, reading_groups
 from pa10cal.observe.paths import HeldOutPlaces
 from pa10cal.observe.quantities import Deviations
@@ -422,7 +423,11 @@ def _with_last_fit(record: R, found: EffectCalibration, campaign: CampaignIdenti
     model, fit, poses = replace(found.model, fitted_to=about), found.fit, found.poses
     of_first_fit = (record.health.line, f"not converged: {record.reason}")
     kept = (warning for warning in record.warnings if warning not in of_first_fit)
-    names = (*(parameter.name for parameter in model.model.parameters), *_BASE)
+    names = (
+        *(parameter.name for parameter in model.model.parameters),
+        *_BASE,
+        *target_coordinates(model.target_names),
+    )
     return record.model_copy(
         update={
             "status": "converged" if fit.solution.converged else "not converged",
@@ -485,7 +490,8 @@ def _parameters(found: EffectCalibration) -> dict[str, CalibratedParameter]:
         place = f"{term.id}_{term.of.removeprefix('joint ')}_" if is_effect(term) else ""
         parameters |= {f"{place}{name}": each for name, each in of_term.items()}
     R = model.T_instr_base[:3, :3]
-    base = base_parameters(model.T_instr_base, model.covariance[-6:, -6:], R)
+    of_base = slice(len(model.x), len(model.x) + len(_BASE))
+    base = base_parameters(model.T_instr_base, model.covariance[of_base, of_base], R)
     return parameters | base | _places(found.fit)
 
 

@@ -77,7 +77,7 @@ class ModelWithEffects:
             model=Model(self.model.chain, terms),
             x=about_moved_base(terms, self.at.x[:k], self.at.x[k:]),
             T_instr_base=moved_base(self.at.T_instr_base, self.at.x[k:]),
-            covariance=None if covariance is None else covariance[: k + 6, : k + 6],
+            covariance=covariance,
             discrepancy=None,  # that of the model without effects
         )
 

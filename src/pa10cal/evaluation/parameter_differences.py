@@ -111,8 +111,7 @@ class _Part:
 
     parameters: tuple[TermParameter, ...]  # (p,) as the first model has them
     values: Array  # (p,) second less first
-    # (p,) which they are in the covariance of the first and of the second model; none of targets,
-    # which these do not contain
+    # (p,) which they are in the covariance of the first and of the second model
     in_first: Index
     in_second: Index
     # (p, p) derivative of the second model's parameters, as the first has them, by its own
@@ -134,8 +133,6 @@ def differences(first: FittedModel, second: FittedModel) -> Differences:
     parameters = tuple(parameter for part in parts for parameter in part.parameters)
     values = np.concatenate([part.values for part in parts])
     covariance = _covariance(first, second, parts)
-    if len(covariance) < len(values):
-        covariance = _with_targets(covariance, arm_count, end_count)
     not_compared = never_zero | _in_unlike_forms(first, second)
     not_compared |= _differ_without_uncertainty(parameters, values, covariance)
     if not end_count and (_has_end(first) or _has_end(second)):
@@ -180,11 +177,12 @@ def _with_zero(model: FittedModel, departures: Index) -> FittedModel:
     # Departures that are functions of others are conditioned by these already.
     inverse = np.linalg.pinv(correlation, rcond=_NO_VARIANCE, hermitian=True)
     by_free = covariance[:, free] @ (inverse / np.outer(size, size))
-    step = -by_free @ model.x[free]
+    step, frames = -by_free @ model.x[free], len(model.x) + len(BASE)
     return replace(
         model,
         x=model.x + step[: len(model.x)],
-        T_instr_base=model.T_instr_base @ motion_of_base(step[len(model.x) :]),
+        T_instr_base=model.T_instr_base @ motion_of_base(step[len(model.x) : frames]),
+        targets_m=model.targets_m + step[frames:],
         covariance=covariance - by_free @ covariance[free],
     )
 
@@ -271,7 +269,8 @@ def _tool_difference(first: FittedModel, second: FittedModel) -> _Part:
     """
     one, other = _tool_of(first), _tool_of(second)
     if one is None or other is None:
-        return _not_in_covariance((), np.zeros(0))
+        none = np.zeros(0, dtype=np.intp)
+        return _Part((), np.zeros(0), none, none, np.eye(0))
     turned_rad = (other.orientation * one.orientation.inv()).as_rotvec()
     difference = np.concatenate([other.position_m - one.position_m, turned_rad])
     common = [k for k, name in enumerate(TOOL) if name in one.index and name in other.index]
@@ -328,13 +327,16 @@ def _target_difference(first: FittedModel, second: FittedModel) -> _Part:
         for axis in "xyz"
     )
     by_m = [in_second[name] - in_first[name] for name in common]
-    return _not_in_covariance(parameters, np.concatenate([np.zeros(0), *by_m]))
+    of_first, of_second = (_target_columns(model, common) for model in (first, second))
+    values = np.concatenate([np.zeros(0), *by_m])
+    return _Part(parameters, values, of_first, of_second, np.eye(len(values)))
 
 
-def _not_in_covariance(parameters: tuple[TermParameter, ...], values: Array) -> _Part:
-    """Return differences (p,) that the covariances of the models do not contain."""
-    none = np.zeros(0, dtype=np.intp)
-    return _Part(parameters, values, none, none, np.eye(0))
+def _target_columns(model: FittedModel, names: Sequence[str]) -> Index:
+    """Return which coordinates of targets are in a model's covariance, three for each name."""
+    rows = np.array([model.target_names.index(name) for name in names], dtype=np.intp)
+    columns = len(model.x) + len(BASE) + 3 * rows[:, None] + np.arange(3)
+    return np.asarray(columns.ravel())
 
 
 # Covariance of the differences.
@@ -364,20 +366,3 @@ def _covariance(first: FittedModel, second: FittedModel, parts: list[_Part]) -> 
     restated = block_diag(*(part.restated for part in parts))
     of_second = restated @ second.covariance[np.ix_(in_second, in_second)] @ restated.T
     return np.asarray(first.covariance[np.ix_(in_first, in_first)] + of_second)
-
-
-def _with_targets(covariance: Array, arm_count: int, target_count: int) -> Array:
-    """Return a covariance with `target_count` coordinates of targets after those of the arm.
-
-    A model does not keep their covariance. They are assumed to be known better than the base, which
-    is further away: its largest variance of a position stands for theirs. A target that was seen in
-    few poses may be known worse; then its noise may pass for a tool that moved. Without a variance
-    of the base they have none either.
-    """
-    targets = arm_count + np.arange(target_count)
-    whole = np.zeros((len(covariance) + target_count,) * 2)
-    others = np.delete(np.arange(len(whole)), targets)
-    whole[np.ix_(others, others)] = covariance
-    of_base_m2 = np.diag(covariance)[-len(BASE) :][:3]
-    whole[targets, targets] = of_base_m2.max()
-    return whole

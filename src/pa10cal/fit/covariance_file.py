@@ -19,6 +19,7 @@ from pa10cal.arrays import Array
 from pa10cal.errors import ModelError
 from pa10cal.fit.fitted import Fitted
 from pa10cal.input_files import UnfitFileError, open_file, reason
+from pa10cal.observe.instrument import target_coordinates
 from pa10cal.rules import LISTS
 
 #: What reads the header of an array, by the version of its format.
@@ -48,6 +49,7 @@ def write_covariance(model: Fitted, path: Path) -> None:
     compression on that of zlib.
     """
     names = [*(parameter.name for parameter in model.model.parameters), *BASE]
+    names += target_coordinates(model.target_names)
     covariance = np.zeros((0, 0)) if model.covariance is None else model.covariance
     with ZipFile(path, "w") as file:
         for name, array in (("names", np.array(names)), ("covariance", covariance)):
@@ -112,11 +114,12 @@ def _read(file: BinaryIO) -> Array:
     return np.asarray(np.lib.format.read_array(content, allow_pickle=False))
 
 
-def checked_covariance(covariance: Array, size: int, where: str) -> Array:
+def checked_covariance(covariance: Array, size: int, where: str, of_targets: int = 0) -> Array:
     """Return a covariance that random numbers can have; see `FittedModel.covariance`.
 
     Args:
         size: of the parameters and the base.
+        of_targets: coordinates of targets after these; zero where it has none of them.
         where: file of the model, for messages.
 
     Raises:
@@ -128,9 +131,10 @@ def checked_covariance(covariance: Array, size: int, where: str) -> Array:
         about = {"where": f"{where}: covariance", "remedy": _WRITE_AGAIN, **more}
         return ModelError(what, allowed=allowed, **about)
 
-    if covariance.shape != (size, size):
+    whole = size + of_targets
+    if covariance.shape not in {(size, size), (whole, whole)}:
         what = f"a covariance of shape {covariance.shape}"
-        allowed = f"({size}, {size}): parameters, then the base"
+        allowed = f"({whole}, {whole}): parameters, base, targets"
         raise refusal(what, allowed, remedy="write the model again")
     if covariance.dtype.kind not in "fiu" or not np.isfinite(covariance).all():
         raise refusal("a covariance that is not made of finite numbers", "finite numbers")
@@ -148,4 +152,4 @@ def checked_covariance(covariance: Array, size: int, where: str) -> Array:
     held = covariance[variance == 0.0]
     if (held != 0.0).any() or np.linalg.eigvalsh(correlation)[0] < LISTS.eigenvalues_above:
         raise refusal("correlations that no random numbers have", "no eigenvalue below zero")
-    return np.asarray(covariance, dtype=float)
+    return np.pad(np.asarray(covariance, dtype=float), (0, whole - len(covariance)))

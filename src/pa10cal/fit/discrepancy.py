@@ -421,9 +421,9 @@ class RowsAboutFit:
 
         That of its maps is left out.
         """
-        base = len(covariance) - len(BASE) + np.arange(len(BASE))
-        known = np.append(self.parameter_index, base)
-        moved_mm = self.to_mm[:, :, None] * self.by_unknowns[:, :, : len(known)]
+        others = self.columns.shape[2] - len(self.parameter_index)  # base and targets
+        known = np.append(self.parameter_index, np.arange(-others, 0))
+        moved_mm = self.to_mm[:, :, None] * self.by_unknowns
         of_known = covariance[np.ix_(known, known)]
         return np.asarray(np.einsum("pbk,pbk->p", moved_mm @ of_known, moved_mm))
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from pa10cal.arm.chain import BASE, TOOL, Chain, bend_coordinates, long_links
+from pa10cal.arm.chain import TOOL, Chain, bend_coordinates, long_links
 from pa10cal.arm.controller_poses import Angles, controller_columns
 from pa10cal.arm.description import Arm, weights_known
 from pa10cal.arm.statics import Payload, PoseStates
@@ -292,9 +292,10 @@ class Fitted:
     # (a,) deviations of an apparatus' targets from their stated positions, which move the poses
     # measured by them; empty where not known
     targets_off_m: Array = field(default_factory=lambda: np.zeros(0))
-    # (k + 6, k + 6) of x and of six small motions of the base (the chain's `BASE`); None where not
-    # known. The joint covariance is needed since parameters of arm and base, such as the zero of
-    # joint 1 and the yaw of the base, are correlated: each is uncertain, the robot's pose is not.
+    # (k + 6 + t, k + 6 + t) of x, of six small motions of the base (the chain's `BASE`) and of the
+    # targets' coordinates; None where not known. The joint covariance is needed since parameters of
+    # arm, base and targets, such as the zero of joint 1 and the yaw of the base, are correlated:
+    # each is uncertain, the robot's pose is not.
     covariance: Array | None = None
     # what the arm carried, which loads springs and bending links; None where not known
     payload: Payload | None = None
@@ -488,8 +489,8 @@ class Fitted:
         """Return the model with only these of its terms, their values and their covariance."""
         at, covariance = self.model.parameter_indices(*terms), self.covariance
         if covariance is not None:
-            with_base = np.append(at, len(self.x) + np.arange(len(BASE)))
-            covariance = covariance[np.ix_(with_base, with_base)]
+            kept = np.append(at, np.arange(len(self.x), len(covariance)))
+            covariance = covariance[np.ix_(kept, kept)]
         model = Model(self.model.chain, terms)
         return replace(self, model=model, x=self.x[at], covariance=covariance)
 
@@ -521,7 +522,7 @@ def predicting_model(model: Fitted) -> Fitted:
 
 
 def _covariance_of(model: Fitted, other: Fitted) -> Array | None:
-    """Return a model's covariance of the parameters of another one and of the base, (k + 6, k + 6).
+    """Return a model's covariance of the parameters of another one, of the base and the targets.
 
     None where it is not known of all.
     """
@@ -529,5 +530,5 @@ def _covariance_of(model: Fitted, other: Fitted) -> Array | None:
     names = [parameter.name for parameter in other.model.parameters]
     if model.covariance is None or not index.keys() >= set(names):
         return None
-    at = [*(index[name] for name in names), *range(len(model.x), len(model.x) + len(BASE))]
+    at = [*(index[name] for name in names), *range(len(model.x), len(model.covariance))]
     return np.asarray(model.covariance[np.ix_(at, at)])

@@ -122,6 +122,8 @@ class Forward:
     columns: NDArray[np.intp]  # of these among the parameters of the whole model
     on_tool: bool  # whether the frame moves with the tool, at the chain's end, not with the flange
     T_end_frame: Array  # (4, 4) the frame in the end of the chain
+    # (m,) its coordinates among those of the targets, or none: x, y and z
+    at_target: NDArray[np.intp]
 
     @classmethod
     def of(cls, model: Fitted, frame: str = FLANGE) -> Forward:
@@ -164,7 +166,7 @@ class Forward:
 
         moving = [term for term in model.model.terms if moves(term)]
         columns = model.model.parameter_indices(*moving)
-        T_end_frame = np.eye(4)
+        T_end_frame, at_target = np.eye(4), np.zeros(0, np.intp)
         if on_tool:
             campaign = "" if tool_term is None else tool_term.name
             R_target = model.R_first_target_of.get(campaign, np.eye(3))
@@ -172,11 +174,12 @@ class Forward:
         elif frame != FLANGE:
             name = frame.removeprefix(TARGET)
             row = model.target_names.index(name) if frame != TOOL_FRAME else 0
-            T_end_frame[:3, 3] = model.targets_m.reshape(-1, 3)[row]
+            at_target = 3 * row + np.arange(3)
+            T_end_frame[:3, 3] = model.targets_m[at_target]
         # A term of one campaign acts in that campaign only; here it acts in every pose.
         terms = [term.term if term is tool_term else term for term in moving]
         physical = Model(model.model.chain, tuple(terms))
-        return cls(model, physical, model.x[columns], columns, on_tool, T_end_frame)
+        return cls(model, physical, model.x[columns], columns, on_tool, T_end_frame, at_target)
 
     def states(self, given: PoseStates) -> PoseStates:
         """Return states with torques and loads by the weights; torques that were given are dropped.
@@ -347,8 +350,8 @@ class Forward:
         maps = [term for term in terms if is_error_map(term)]
         others = tuple(term for term in terms if not is_error_map(term))
         dense = self.physical.parameter_indices(*others)
-        without = Forward(
-            self.whole, Model(chain, others), self.x[dense], dense, self.on_tool, self.T_end_frame
+        without = replace(
+            self, physical=Model(chain, others), x=self.x[dense], columns=self.columns[dense]
         )
         moved = without.by_parameters(states, end)[:, :3]
         map_motions = []
@@ -356,24 +359,34 @@ class Forward:
             screw = self.at_frame(end, end.screws[:, :, chain.columns(term.coordinates)])
             columns = self.physical.parameter_indices(term)
             map_motions.append(MapMotion(columns, states.q_rad[:, term.joint - 1], screw[:, :3, 0]))
-        dense = np.append(dense, len(self.x) + np.arange(6))
-        return position_covariance(self.covariance, dense, moved, map_motions)
+        covariance = self.covariance
+        dense = np.append(dense, np.arange(len(self.x), len(covariance)))
+        return position_covariance(covariance, dense, moved, map_motions)
 
     def by_parameters(self, states: PoseStates, end: EndPose) -> Array:
-        """Return the derivative (N, 6, k) of the frame by its parameters, then by the base.
+        """Return the derivative (N, 6, k) of the frame by what `covariance` is of.
 
         It is the velocity of the frame's origin over its angular velocity, along base axes.
         """
         by_x = self.physical.jacobian_at(states, self.x, end)
         by_base = end.screws[:, :, self.physical.chain.columns(BASE)]
-        return self.at_frame(end, np.concatenate([by_x, by_base], axis=2))
+        of_end = self.at_frame(end, np.concatenate([by_x, by_base], axis=2))
+        if not len(self.at_target):
+            return of_end
+        by_target = np.concatenate([end.T[:, :3, :3], np.zeros((len(states), 3, 3))], axis=1)
+        return np.concatenate([of_end, by_target], axis=2)
 
     @property
     def covariance(self) -> Array:
-        """Return the covariance (k + 6, k + 6) of x and the base; the model must have one."""
+        """Return the covariance of x, the base, and the frame itself if it is a target.
+
+        The model must have one.
+        """
         covariance = self.whole.covariance
         assert covariance is not None
-        chosen = np.concatenate([self.columns, len(self.whole.x) + np.arange(6)])
+        assert len(covariance) == len(self.whole.x) + len(BASE) + len(self.whole.targets_m)
+        base = len(self.whole.x) + np.arange(len(BASE))
+        chosen = np.concatenate([self.columns, base, base[-1] + 1 + self.at_target])
         return np.asarray(covariance[np.ix_(chosen, chosen)])
 
     def _coordinates(self, states: PoseStates) -> Array:

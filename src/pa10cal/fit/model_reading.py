@@ -30,6 +30,7 @@ from pa10cal.fit.plain_arm import (
     rotation_from_plain,
 )
 from pa10cal.fit.validity import AngleCoverage, Discrepancy
+from pa10cal.observe.instrument import target_coordinates
 from pa10cal.results.calibration import CalibrationRecord, Covariance
 from pa10cal.terms.model import Model
 from pa10cal.terms.plain import refuse_of_another_arm, term_from_plain
@@ -94,16 +95,20 @@ def models_of(record: CalibrationRecord, where: str) -> dict[str, FittedModel]:
 
 
 def _covariance_of_fit(model: FittedModel, recorded: Covariance) -> Array | None:
-    """Return the covariance (k + 6, k + 6) of a model's parameters and base from that of its fit.
+    """Return the covariance of a model's parameters, base and targets from that of its fit.
 
-    The record has that of the fitted parameters, with or without the base, or of those reported;
-    None where its parameters are others.
+    The record has that of the fitted parameters, with or without base and targets, or of those
+    reported; None where its parameters are others.
     """
     fitted = tuple(parameter.name for parameter in model.model.parameters)
     report, k = model.model.report(model.x), len(fitted)
-    covariance = np.zeros((k + len(BASE), k + len(BASE)))
+    names = (
+        *fitted,
+        *(motion.replace(".", "_") for motion in BASE),
+        *target_coordinates(model.target_names),
+    )
+    covariance = np.zeros((len(names), len(names)))
     if recorded.names[:k] == fitted:
-        names = (*fitted, *(motion.replace(".", "_") for motion in BASE))
         known = [row for row, name in enumerate(names) if name in recorded.names]
         rows = [recorded.names.index(names[row]) for row in known]
         covariance[np.ix_(known, known)] = recorded.matrix[np.ix_(rows, rows)]
@@ -122,7 +127,8 @@ def model_from_plain(
 
     Args:
         where: the file, and the key in it, that holds the model, for messages.
-        covariance: (k + 6, k + 6) of its k parameters and the base, or None; see `Fitted`.
+        covariance: of its parameters, the base and the targets, or None; see `Fitted`. One of an
+            older file, without the targets, says nothing of how uncertain these are.
 
     Raises:
         ModelError: naming the schema, or the key that is missing or cannot be used.
@@ -143,7 +149,7 @@ def model_from_plain(
         terms_plain = [*content["terms"], *([] if field is None else [field])]
         if covariance is not None:
             size = sum(len(term["x"]) for term in terms_plain) + len(BASE)
-            covariance = checked_covariance(covariance, size, where)
+            covariance = checked_covariance(covariance, size, where, 3 * len(content["targets_m"]))
         terms = [
             _term_from_plain(entry, f"{where}: terms[{k}]") for k, entry in enumerate(terms_plain)
         ]

@@ -91,7 +91,7 @@ def with_uncertain_weights(model: F, payload: Payload) -> F:
     values = np.array([fitted_values.get(column, 0.0) for column in weights.columns])
     count, covariance = len(without.x), without.covariance
     if covariance is not None:
-        # Parameters come first, then the base: the weights are inserted between them.
+        # Parameters come first, then base and targets: the weights are inserted between them.
         for axis in (0, 1):
             covariance = np.insert(covariance, np.full(len(values), count), 0.0, axis=axis)
         at = count + np.arange(len(values))

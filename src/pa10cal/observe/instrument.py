@@ -217,9 +217,7 @@ class Instrument(ABC):
         There are three for each target, or none where the tool is part of the chain.
         """
         return tuple(
-            TermParameter(f"target_{name}_{axis}".replace("__", "_"), "m", 1e-3)
-            for name in self.target_names
-            for axis in "xyz"
+            TermParameter(name, "m", 1e-3) for name in target_coordinates(self.target_names)
         )
 
     @abstractmethod
@@ -454,3 +452,8 @@ def group_means(values: Array, code: Index) -> Array:
     total = np.zeros((len(count), *values.shape[1:]))
     np.add.at(total, code, values)
     return np.asarray(total / count.reshape(-1, *[1] * (values.ndim - 1)))
+
+
+def target_coordinates(names: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of the coordinates of targets, three for each."""
+    return tuple(f"target_{name}_{axis}".replace("__", "_") for name in names for axis in "xyz")

@@ -363,9 +363,10 @@ def _parameters(
     not_zero = {name: each for name, each in of_model.items() if name not in report.zero}
     # Distances determine the place of the fixed point, not the orientation of the base.
     whole = len(problem.model.terms[-1].coordinates) == len(BASE)
+    of_base = slice(count, count + len(BASE))
     base = base_parameters(
         model.T_instr_base,
-        _with_base(general, covariance)[-6:, -6:],
+        _of_model_and_frames(general, covariance)[of_base, of_base],
         problem.T_instr_base[:3, :3],
         () if whole else ("gamma_x", "gamma_y", "gamma_z"),
     )
@@ -410,19 +411,21 @@ def fitted(general: GeneralCalibration) -> FittedModel:
         R_first_target_of=problem.observations.measured.R_first_target_of,
         targets_m=problem.places_at(x),
         target_names=problem.observations.measured.target_names,
-        covariance=_with_base(general, general.fit.covariance),
+        covariance=_of_model_and_frames(general, general.fit.covariance),
         payload=general.payload,
         seen=angles_seen(problem.observations.states.q_rad),
     )
 
 
-def _with_base(general: GeneralCalibration, covariance: Array) -> Array:
-    """Return a covariance of the unknowns (k, k) as that of a model's parameters and its base."""
-    *terms, of_base = general.problem.model.terms
-    count = len(Model(general.problem.model.chain, tuple(terms)).parameters)
-    rows = [*range(count), *(count + BASE.index(name) for name in of_base.coordinates)]
-    whole = np.zeros((count + len(BASE),) * 2)
-    whole[np.ix_(rows, rows)] = covariance[: len(rows), : len(rows)]
+def _of_model_and_frames(general: GeneralCalibration, covariance: Array) -> Array:
+    """Return a covariance of the unknowns (k, k) as one of a model: see `Fitted.covariance`."""
+    problem = general.problem
+    *terms, of_base = problem.model.terms
+    count = len(Model(problem.model.chain, tuple(terms)).parameters)
+    of_targets = count + len(BASE) + problem.places
+    rows = [*range(count), *(count + BASE.index(name) for name in of_base.coordinates), *of_targets]
+    whole = np.zeros((count + len(BASE) + len(problem.places_m),) * 2)
+    whole[np.ix_(rows, rows)] = covariance
     return whole
 
 

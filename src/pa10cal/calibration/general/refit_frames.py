@@ -244,7 +244,7 @@ def _covariance_of_carried(
         found: their fit.
 
     Returns:
-        (k + 6, k + 6); None where the covariance of the model is not known.
+        See `Fitted.covariance`; None where that of the model is not known.
     """
     if model.covariance is None:
         return None
@@ -261,26 +261,19 @@ def _covariance_of_carried(
     cov_refitted_arm = refitted_by_arm @ cov_arm
     cov_refitted = cov_refitted_arm @ refitted_by_arm.T + found.solution.widening**2 * cov_noise
     joint = np.block([[cov_arm, cov_refitted_arm.T], [cov_refitted_arm, cov_refitted]])
-    return _with_all_base_motions(joint[: columns.base.stop, : columns.base.stop], unknowns.base)
+    before_base, places = columns.base.start, found.problem.places
+    of_base = [before_base + BASE.index(name) for name in unknowns.base.coordinates]
+    at = [*range(before_base), *of_base, *(before_base + len(BASE) + places)]
+    # Motions of the base, and coordinates of targets, that were no unknowns have zero variance.
+    whole = np.zeros((before_base + len(BASE) + len(found.problem.places_m),) * 2)
+    whole[np.ix_(at, at)] = joint
+    return whole
 
 
 def _scaled_inverse(normal: Array) -> Array:
     """Return the inverse of a normal matrix (f, f), computed with a diagonal of ones."""
     scale = 1.0 / np.sqrt(np.diag(normal))
     return np.asarray(np.linalg.pinv(normal * np.outer(scale, scale)) * np.outer(scale, scale))
-
-
-def _with_all_base_motions(covariance: Array, base: Offsets) -> Array:
-    """Return a covariance whose last columns are motions of the base, with all six of these.
-
-    Motions that were no unknowns have zero variance.
-    """
-    before_base = len(covariance) - len(base.coordinates)
-    of_base = [before_base + BASE.index(name) for name in base.coordinates]
-    at = np.array([*range(before_base), *of_base], dtype=np.intp)
-    whole = np.zeros((before_base + len(BASE),) * 2)
-    whole[np.ix_(at, at)] = covariance
-    return whole
 
 
 def _normal_rows_of_refitted(
