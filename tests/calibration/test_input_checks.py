@@ -13,8 +13,12 @@ from scipy.spatial.transform import Rotation
 from made_up_sightings import sighted
 from mended import QUATERNION, describe, findings, mend, simulated
 from pa10cal.arm.chain import Chain
-from pa10cal.calibration.input_checks import explained
+from pa10cal.arm.statics import Payload
+from pa10cal.calibration.checked_campaign import CheckedCampaign
+from pa10cal.calibration.input_checks import _gravity, explained
 from pa10cal.calibration.joint_slips import signs_and_order
+from pa10cal.calibration.options import CalibrationOptions
+from pa10cal.campaign.read import read_campaign
 from pa10cal.errors import CalibrationError
 from pa10cal.files.arms import load_arm
 from pa10cal.results.calibration import InputFinding
@@ -208,6 +212,31 @@ def test_the_direction_of_gravity_shows_in_springs(tmp_path, robot, instrument, 
     (found,) = findings(folder)
     assert found.kind == "gravity"
     assert "along -z" in found.what
+
+
+@pytest.mark.parametrize(("with_errors_mm", "told"), [(0.009, False), (0.03, True)])
+def test_gravity_is_right_where_errors_of_joints_explain_as_much(with_errors_mm, told):
+    up = (0.0, 0.0, 9.81)
+    checked = SimpleNamespace(
+        logs_torques=False,
+        arm=load_arm("ur10"),
+        above_noise=True,
+        payload=Payload(0.0, np.zeros(3), np.zeros(3), np.array([0.0, 0.0, -9.81])),
+        calibrated_mm=lambda at: (0.011 if np.allclose(at.gravity_m_s2, up) else 0.035, 0.005),
+        with_errors_of_joints_mm=lambda at: with_errors_mm,
+    )
+    assert (_gravity(checked) is not None) == told
+
+
+def test_gear_ratios_are_among_the_errors_of_joints(tmp_path):
+    folder = simulated(tmp_path / "c", "irb120", "points", poses=60)
+    ratio = ["q2_deg"]
+    mend(folder, "poses.csv", lambda table: table.put(ratio, 1.001 * table.numbers(ratio)))
+    read = read_campaign(folder)
+    every = read.observations.of_kind("grid")
+    checked = CheckedCampaign(read.description, read.arm, CalibrationOptions(), None, every, 0.0)
+    left_mm = checked.with_errors_of_joints_mm(checked.payload)
+    assert left_mm < 0.3 * checked.calibrated_mm(checked.payload)[0]
 
 
 @pytest.mark.slow_but_one_in(2)

@@ -13,6 +13,7 @@ from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Array, Index, Mask
 from pa10cal.calibration.accuracy import targets_seen
 from pa10cal.calibration.general.calibrate import GeneralCalibration, calibrate_general, find_start
+from pa10cal.calibration.general.fit import fit
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.calibration.rules import CHECKS, GRADES
 from pa10cal.campaign.column_map import ColumnMap
@@ -21,6 +22,7 @@ from pa10cal.campaign.description import CampaignDescription
 from pa10cal.errors import CalibrationError
 from pa10cal.observe.instrument import group_means
 from pa10cal.observe.observations import Observations, reading_groups
+from pa10cal.terms.effects.joint import EncoderEccentricity, GearRatioError
 
 
 def spread_rows(count: int) -> Index:
@@ -122,12 +124,29 @@ class CheckedCampaign:
         found = self.calibration(payload, q)
         if found is None:
             return np.inf, np.inf
-        residual, variances, seen = positions_of(found)
+        _, variances, seen = positions_of(found)
         stated_mm = 1e3 * float(np.sqrt(min(3, seen.shape[1]) * np.mean(variances[seen])))
-        # The error is that of one target; a distance is one component.
-        squares = np.sum(residual**2, axis=1) / targets_seen(found.problem.observations.measured)
-        rms_mm = 1e3 * float(np.sqrt(np.average(squares, weights=found.fit.weights)))
-        return rms_mm, max(stated_mm, self.repeats_mm)
+        return _rms_mm(found), max(stated_mm, self.repeats_mm)
+
+    def with_errors_of_joints_mm(self, payload: Payload | None) -> float:
+        """Return the rms position error of a quick calibration if angles of joints err, too [mm].
+
+        By gear ratios and by sensors off centre: the plain errors of joints that change with their
+        angles, as sags do. Infinite where the poses are too few.
+        """
+        found = self.calibration(payload)
+        if found is None:
+            return np.inf
+        own, model = self.arm.coupling.own, found.problem.model
+        joints = [f"joint {joint}" for joint in own[~self.arm.prismatic[own]] + 1]
+        errors = [
+            error for of in joints for error in (GearRatioError(of), EncoderEccentricity(of, 1.0))
+        ]
+        problem = replace(found.problem, model=replace(model, terms=(*model.terms, *errors)))
+        at = len(model.parameters)
+        x_start = np.insert(found.fit.x, at, np.zeros(len(problem.model.parameters) - at))
+        fitted = fit(problem, x_start, robust=self.options.general.robust)
+        return _rms_mm(replace(found, problem=problem, fit=fitted))
 
     def may_be_offered(self, q: Array, nominal_m: float) -> bool:
         """Return whether changed joints fit the nominal arm, and a calibrated one.
@@ -141,6 +160,14 @@ class CheckedCampaign:
         left_mm, noise_mm = self.calibrated_mm(self.payload, q)
         # With too few poses the nominal arm alone decides.
         return left_mm == np.inf or puts_right(left_mm, 1e3 * EXPECTED_M, noise_mm)
+
+
+def _rms_mm(found: GeneralCalibration) -> float:
+    """Return the weighted rms position error of a calibration, of one target [mm]."""
+    residual, _, _ = positions_of(found)
+    # The error is that of one target; a distance is one component.
+    squares = np.sum(residual**2, axis=1) / targets_seen(found.problem.observations.measured)
+    return 1e3 * float(np.sqrt(np.average(squares, weights=found.fit.weights)))
 
 
 def positions_of(found: GeneralCalibration) -> tuple[Array, Array, Mask]:

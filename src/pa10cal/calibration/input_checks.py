@@ -206,6 +206,10 @@ def _gravity(checked: CheckedCampaign) -> InputFinding | None:
     left_mm, noise_mm = tried[best]
     if not left_mm < CHECKS.gravity_left_share * now_mm < np.inf:
         return None
+    # Sags under another gravity imitate errors of joints that change with their angles.
+    rival_mm = checked.with_errors_of_joints_mm(checked.payload)
+    if not left_mm < CHECKS.gravity_left_share * rival_mm:
+        return None
     return _other_gravity(
         best,
         others[best],
