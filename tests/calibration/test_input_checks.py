@@ -15,7 +15,7 @@ from mended import QUATERNION, describe, findings, mend, simulated
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.statics import Payload
 from pa10cal.calibration.checked_campaign import CheckedCampaign
-from pa10cal.calibration.input_checks import _gravity, explained
+from pa10cal.calibration.input_checks import direction_of_gravity, explained
 from pa10cal.calibration.joint_slips import signs_and_order
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.read import read_campaign
@@ -225,7 +225,7 @@ def test_gravity_is_right_where_errors_of_joints_explain_as_much(with_errors_mm,
         calibrated_mm=lambda at: (0.011 if np.allclose(at.gravity_m_s2, up) else 0.035, 0.005),
         with_errors_of_joints_mm=lambda at: with_errors_mm,
     )
-    assert (_gravity(checked) is not None) == told
+    assert (direction_of_gravity(checked) is not None) == told
 
 
 def test_gear_ratios_are_among_the_errors_of_joints(tmp_path):

@@ -87,7 +87,7 @@ def check_input(
         _gravity_by_torques,
         small_signs,
         small_screws,
-        _gravity,
+        direction_of_gravity,
     )
     first: tuple[InputFinding, ...] = ()
     for hypothesis in hypotheses:
@@ -189,7 +189,7 @@ def _scale(checked: CheckedCampaign) -> InputFinding | None:
     )
 
 
-def _gravity(checked: CheckedCampaign) -> InputFinding | None:
+def direction_of_gravity(checked: CheckedCampaign) -> InputFinding | None:
     """Find that gravity acts along another axis of the base, by calibrations with elastic joints.
 
     For an arm that hangs or is mounted on a wall `gravity_m_s2` has to be stated.
