@@ -118,6 +118,10 @@ class CalibrationError(Pa10calError):
     """The data do not allow this calibration."""
 
 
+class TooFewPosesError(CalibrationError):
+    """There are fewer poses than this calibration needs; a fit of more poses may be possible."""
+
+
 class TermError(Pa10calError):
     """A term of a model cannot be made of what a file says of it."""
 

@@ -17,6 +17,7 @@ from pa10cal.observe.observations import Observations, reading_groups
 from pa10cal.observe.paths import HeldOutPlaces
 from pa10cal.observe.pose import Pose
 from pa10cal.observe.quantities import Deviations
+from pa10cal.observe.seed import least_loaded
 from pa10cal.results.evaluation import BETWEEN, UNSEEN, Accuracy, BeforeAfter
 from pa10cal.terms.model import Model
 
@@ -92,13 +93,12 @@ def align_nominal(nominal: Model, observations: Observations[Pose]) -> Array:
     """Return T_instr_base (4, 4) that aligns the nominal model with the least loaded positions.
 
     The paper's errors before calibration rest on this alignment: by positions alone, of the poses
-    with the smallest load, which was zero in the paper's campaign.
+    with the smallest load, which was zero in the paper's campaign; of all where few have it.
     """
-    load_N = observations.states.load_N
-    least_loaded = observations.take(load_N == load_N.min())
+    unloaded = observations.take(least_loaded(observations))
     return fit_base_frame(
-        nominal.predict(least_loaded.states, np.zeros(0)),
-        least_loaded.measured.T_instr_target,
+        nominal.predict(unloaded.states, np.zeros(0)),
+        unloaded.measured.T_instr_target,
         attitude_weight_m2=0.0,
     ).T_instr_base
 

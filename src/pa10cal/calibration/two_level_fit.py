@@ -112,7 +112,7 @@ def calibrate(
         u_apparatus_m: standard uncertainty of a target's place on the apparatus, per axis.
 
     Raises:
-        CalibrationError: when there are fewer equations than unknowns.
+        TooFewPosesError: when there are fewer equations than unknowns, or poses than inner poses.
     """
     level = TwoLevel(model, observations, np.arange(len(observations)), options.r_max_m)
     check_enough(level.one_level(np.eye(4)))

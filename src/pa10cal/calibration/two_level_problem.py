@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from pa10cal.arrays import Array
 from pa10cal.calibration.rules import FIT
-from pa10cal.errors import CalibrationError
+from pa10cal.errors import CalibrationError, TooFewPosesError
 from pa10cal.fit.problem import Problem, Rows
 from pa10cal.frame.point_fits import cross_matrix, pose_error
 from pa10cal.observe.observations import Observations
@@ -33,13 +33,13 @@ def spread_poses(observations: Observations[Pose], count: int | Literal["all"]) 
     The paper does not specify which 8 of its 27 it took; on a 3 x 3 x 3 pattern this gives corners.
 
     Raises:
-        CalibrationError: when there are fewer poses than requested.
+        TooFewPosesError: when there are fewer poses than requested.
     """
     labels, codes = np.unique(observations.pose, return_inverse=True)
     if count == "all" or count == len(labels):
         return tuple(str(label) for label in labels)
     if count > len(labels):
-        raise CalibrationError(
+        raise TooFewPosesError(
             "more inner poses than measured poses",
             where="calibration.inner_poses",
             value=count,

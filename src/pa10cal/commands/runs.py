@@ -255,9 +255,10 @@ def _forget_incomplete(results: Path, described_in: Path) -> None:
         _, _, observations = read_measured(described_in, files.poses)
         cases = list(load_cases(observations.of_kind("grid").states))
         for path in filter(Path.is_file, whole):
-            of_paper = json.loads(path.read_text("utf-8")).get("model") == "paper"
-            names = [*cases, GENERAL] if of_paper else cases
-            if not all(path.with_name(f"{name}.json").is_file() for name in names):
+            record = json.loads(path.read_text("utf-8"))
+            names = [*cases, GENERAL] if record.get("model") == "paper" else cases
+            made = set(names).difference(record.get("loads_left_out", ()))
+            if not all(path.with_name(f"{name}.json").is_file() for name in made):
                 path.unlink()
 
 

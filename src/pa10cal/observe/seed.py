@@ -1,7 +1,8 @@
 """The base frame in the instrument's frame, and positions of targets, before any calibration.
 
 Straight moves along the base's x and y axes give its directions by equations (5)-(7) of the paper;
-without them the nominal arm is fitted to the measurements. Both use the poses at the lowest load.
+without them the nominal arm is fitted to the measurements. Both use the poses at the lowest load,
+or where these are few those at every load.
 """
 
 from __future__ import annotations
@@ -19,10 +20,11 @@ from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array, homogeneous
 from pa10cal.errors import CalibrationError
 from pa10cal.observe.observations import Observations, average_repeats
+from pa10cal.observe.time_order import campaign_numbers
 from pa10cal.options import BaseFrameOptions
 from pa10cal.results.calibration import BaseFrameRecord, StraightLine
 
-_UNLOADED = "grid poses at the lowest load"
+_UNLOADED, _EVERY_LOAD = "grid poses at the lowest load", "grid poses at every load"
 
 
 @dataclass(frozen=True)
@@ -52,13 +54,15 @@ def locate_base(
     """
     chain = Chain.of(arm)
     grid = average_repeats(every.of_kind("grid"))
-    unloaded = grid.take(_least_loaded(grid))
+    rows = least_loaded(grid)
+    unloaded = grid.take(rows)
+    origin_from = _UNLOADED if np.array_equal(rows, _at_lowest_load(grid)) else _EVERY_LOAD
     line_x, line_y = (average_repeats(every.of_kind(kind)) for kind in ("line_x", "line_y"))
     if every.measured.uses_lines:
         _refuse_one_move(len(line_x), len(line_y), where)
     T_base_ee = chain.forward(unloaded.states.q_rad)
     if not (every.measured.uses_lines and len(line_x)):
-        return _located_record(unloaded, T_base_ee, campaign, provenance)
+        return _located_record(unloaded, T_base_ee, campaign, provenance, origin_from)
 
     def positions(*kinds: Observations) -> EndPositions:
         measured = np.vstack([poses.measured.places_m[:, 0] for poses in kinds])
@@ -72,13 +76,27 @@ def locate_base(
         options,
         campaign=campaign,
         provenance=provenance,
-        origin_from=f"line moves and {_UNLOADED}",
+        origin_from=f"line moves and {origin_from}",
     )
     target = unloaded.measured.target_on(np.asarray(record.T_instr_base), T_base_ee)
     return record.model_copy(update={"T_ee_target": target})
 
 
-def _least_loaded(grid: Observations) -> NDArray[np.bool_]:
+def least_loaded(grid: Observations) -> NDArray[np.bool_]:
+    """Return which poses have the lowest load of their own campaign, (P,); where few do, all of it.
+
+    They are few where a wrong one among them could not be found.
+    """
+    rows, campaign = _at_lowest_load(grid), campaign_numbers(grid.states)
+    parts = [part for _, part in grid.measured.campaigns] or [grid.measured]
+    for number, part in enumerate(parts):
+        of_campaign = campaign == number
+        if len(np.unique(grid.pose[rows & of_campaign])) < part.least_rows:
+            rows = rows | of_campaign
+    return rows
+
+
+def _at_lowest_load(grid: Observations) -> NDArray[np.bool_]:
     """Return which poses have the lowest load of their own campaign, (P,)."""
     load_N, campaign = grid.states.load_N, grid.states.campaign
     if campaign is None:
@@ -104,7 +122,7 @@ def summary(record: BaseFrameRecord) -> str:
 
 
 def _located_record(
-    unloaded: Observations, T_base_ee: Array, campaign: str, provenance: str
+    unloaded: Observations, T_base_ee: Array, campaign: str, provenance: str, origin_from: str
 ) -> BaseFrameRecord:
     """Return the record of the base frame by the nominal arm, fitted to the measurements."""
     measured = unloaded.measured
@@ -131,7 +149,7 @@ def _located_record(
         target_stated=found.stated,
         origin_scatter_mm=1e3 * found.scatter_m,
         origin_poses=found.poses,
-        origin_from=_UNLOADED,
+        origin_from=origin_from,
     )
 
 

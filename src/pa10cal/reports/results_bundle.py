@@ -379,9 +379,11 @@ class ResultsBundle:
         )
 
     def load_cases(self) -> dict[str, PaperCalibrationRecord]:
-        """Read the calibration of each single load, by its key in `errors`: `0N`, `22N`, …."""
-        names = [f"{N:g}N" for N in self.paper_calibration().loads_fitted]
-        return {name: self.paper_calibration(name) for name in names}
+        """Read the calibration of each single load that has one, by its key in `errors`: `22N`."""
+        combined = self.paper_calibration()
+        names = [f"{N:g}N" for N in combined.loads_fitted]
+        left_out = combined.loads_left_out or {}
+        return {name: self.paper_calibration(name) for name in names if name not in left_out}
 
     def sound_record(self, kind: type[_R]) -> _R:
         """Read what discovery found, of a sound calibration: the evaluated one."""

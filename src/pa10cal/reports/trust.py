@@ -70,7 +70,9 @@ def outliers_grid(case: GeneralCalibrationRecord) -> Grid:
 
 def _warnings(results: ResultsBundle, case: CalibrationRecord) -> Iterator[Callout]:
     """Yield the warnings of the models, each once; the sentence of the grade stands elsewhere."""
-    texts, extended = list(case.warnings), results.extended
+    left_out = (case.loads_left_out or {}).items()
+    texts = [*case.warnings, *(f"no fit of {load} alone: {why}" for load, why in left_out)]
+    extended = results.extended
     if extended is not None:
         about = "with the effects" if extended.named else "by the search for effects"
         texts += [f"{about}: {text}" for text in extended.warnings]

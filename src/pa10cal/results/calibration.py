@@ -347,6 +347,8 @@ class CalibrationRecord(Fit, record.MeasuredRecord):
     residuals: evaluation.ResidualRows  # residual of every calibration pose
     health: Health  # whether the calibration is good
     warnings: tuple[str, ...]  # what to know before the fit is trusted
+    # of all loads: each load that has too few poses for a fit of its own, and why
+    loads_left_out: Mapping[record.LoadKey, str] | None = record.optional()
     # null: the time taken stands in the log, so that equal runs have equal results
     seconds: float | None
     # section `calibration` of the settings it was run with

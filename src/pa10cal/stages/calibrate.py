@@ -36,6 +36,8 @@ def calibrate(
 ) -> None:
     """Calibrate the arm, at every load and at all together, by the paper's model or the general.
 
+    A load with too few poses for a fit of its own is left out, and a note says so.
+
     Args:
         campaign_dir: folder of raw files.
         poses: table of poses (.parquet).
@@ -58,9 +60,9 @@ def calibrate(
 
     from pa10cal.calibration.general.case import as_load
     from pa10cal.calibration.input_checks import check_input, explained
-    from pa10cal.calibration.load_case import LoadCase, load_cases
+    from pa10cal.calibration.load_case import COMBINED, LoadCase, load_cases
     from pa10cal.calibration.options import takes_general_model
-    from pa10cal.errors import CalibrationError, DiscoveryError
+    from pa10cal.errors import CalibrationError, DiscoveryError, TooFewPosesError
     from pa10cal.results.calibration import BaseFrameRecord, GeneralCalibrationRecord
     from pa10cal.results.codec import read, write
     from pa10cal.stages.inputs import read_measured
@@ -71,6 +73,8 @@ def calibrate(
     states = observations.of_kind("grid").states
     names: tuple[str, ...] = (load,) if load else load_cases(states)
     of_one_load = len(np.unique(states.load_N)) == 1
+    # single loads, whose poses are in the fit of all loads too
+    may_be_left_out = set() if load or of_one_load else {*names} - {COMBINED}
     if not load and not general:
         names += (GENERAL,)
     findings = check_input(campaign, arm, observations, settings)
@@ -80,6 +84,7 @@ def calibrate(
     if settings.effects == "named" and named is not None:
         verdict, of_verdict = _effects_of_verdict(named, campaign.name)
     records: dict[str, CalibrationRecord] = {}
+    left_out: dict[str, str] = {}
     for name in names:
         began_s = time.perf_counter()
         first = next(iter(records.values()), None)
@@ -94,9 +99,14 @@ def calibrate(
             try:
                 records[name] = _record(case, seed, of_verdict, discovery, by_general=by_general)
             except (CalibrationError, DiscoveryError) as error:
+                if isinstance(error, TooFewPosesError) and name in may_be_left_out:
+                    left_out[name] = f"{error.what} ({error.value}); needed: {error.allowed}"
+                    continue
                 placed = error.within(str(prior_file)) if error.where == "prior" else error
                 placed = placed if load else placed.within(f"load case {name}")
                 raise explained(placed, findings) from None
+        if name == COMBINED and left_out:
+            records[name] = records[name].model_copy(update={"loads_left_out": left_out})
         seconds = time.perf_counter() - began_s
         _print_outcome(f"{campaign.name} {name}", records[name], seconds)
     if load:
@@ -177,6 +187,8 @@ def _print_outcome(title: str, record: CalibrationRecord, seconds: float) -> Non
     if isinstance(record, GeneralCalibrationRecord) and record.prior is not None:
         print(f"{title}: {record.prior.line}")
     print(f"{title}: {record.health.grade}: {record.health.line}")
-    for warning in record.warnings:
-        if warning != record.health.line:
-            print(f"{title}: note: {warning}", file=sys.stderr)
+    left_out = (record.loads_left_out or {}).items()
+    notes = [f"no fit of {load} alone: {why}" for load, why in left_out]
+    for note in (*notes, *record.warnings):
+        if note != record.health.line:
+            print(f"{title}: note: {note}", file=sys.stderr)

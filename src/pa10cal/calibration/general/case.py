@@ -153,15 +153,16 @@ class _FittedCase:
         rigid = options.with_springs(())
         if case.prior is not None:
             refuse_own_readings(case.prior, used, case.campaign)
-        nominal = calibrate_general(arm, used, start, payload, rigid, links=False)
+        # First the fit with most unknowns: it says how many poses are needed.
         if case.prior is not None:
             expected = prior_of(case.prior, arm, payload)
             full = calibrate_from(expected, arm, used, start, payload, options)
-            geometry = nominal
         else:
-            full = geometry = calibrate_general(arm, used, start, payload, options)
-            if full.springs:
-                geometry = calibrate_general(arm, used, start, payload, rigid)
+            full = calibrate_general(arm, used, start, payload, options)
+        nominal = calibrate_general(arm, used, start, payload, rigid, links=False)
+        geometry = full if case.prior is None else nominal
+        if case.prior is None and full.springs:
+            geometry = calibrate_general(arm, used, start, payload, rigid)
         model = weighed_model(with_discrepancy(full), full.problem.observations)
         grid = _with_model_torques(model, grid, payload)
         found = cls(case, every, start, used, full, geometry, nominal, model, grid, rows)

@@ -14,7 +14,7 @@ from pa10cal.arrays import Array
 from pa10cal.calibration.general.unknowns import ChosenUnknowns, choose_unknowns
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.calibration.rules import SPRINGS, UNKNOWNS
-from pa10cal.errors import CalibrationError
+from pa10cal.errors import CalibrationError, TooFewPosesError
 from pa10cal.fit.loads import TorqueSource, with_loads_read_by, with_torques
 from pa10cal.fit.problem import Problem
 from pa10cal.fit.uncertain_weights import unknown_weights
@@ -186,20 +186,23 @@ def _start_of(frame: Term, start: Start) -> list[float]:
 
 
 def check_enough(problem: Problem, *, known: int = 0) -> None:
-    """Refuse a problem with fewer equations than unknowns.
+    """Refuse a problem with fewer equations than unknowns that the readings have to determine.
+
+    Unknowns of which a size is expected, such as assumed weights, have a prior and do not count.
 
     Args:
-        known: number of unknowns with an informative prior; they do not count.
+        known: number of the first unknowns with an informative prior; they do not count either.
 
     Raises:
-        CalibrationError: with the number of poses that is needed.
+        TooFewPosesError: with the number of poses that is needed.
     """
-    unknowns, rows = len(problem.parameters) - known, problem.readings
+    unknowns = sum(each.plausible is None for each in problem.parameters[known:])
+    rows = problem.readings
     if rows < unknowns:
         poses = len(problem.observations)
         given = f"{poses} poses with {rows} readings, {unknowns} unknowns"
         needed = int(np.ceil(unknowns / max(rows / max(1, poses), UNKNOWNS.no_row)))
-        raise CalibrationError(
+        raise TooFewPosesError(
             "fewer equations than unknowns",
             where="grid poses",
             value=given,

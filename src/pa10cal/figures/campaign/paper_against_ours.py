@@ -92,11 +92,13 @@ def _grid_rows(results: ResultsBundle, scatter: pd.DataFrame) -> Iterator[_Row]:
         ):
             for load, of in stated.items():
                 paper, found = f"{getattr(of, key):{digits}}", _measured(ours.get(load), key)
+                if load in together and load not in ours:  # too few poses for a fit of their own
+                    found = NOT_COMPUTED
                 at = written_load(load)
                 yield _Row(f"{name} {when}", at, unit, paper, found, source, remark)
     for load, limit_mm in published.REPEATABILITY_MM.items():
         found, remark = NOT_MEASURED, "no configuration was measured more than once"
-        if load not in cases:
+        if load not in together:
             remark = "this load was not measured"
         elif load in scatter.index:
             largest, mean, found = map(_three_figures, scatter.loc[load])
@@ -230,10 +232,11 @@ def _with_power(value: float, std: float) -> str:
 def _conclusion_rows(results: ResultsBundle) -> Iterator[_Row]:
     """Yield distance from the Monte Carlo mean, reductions of mean and of held-out peak errors."""
     after = {load: case.errors[load].after.mean_mm for load, case in results.load_cases().items()}
+    measured = results.paper_calibration().errors
     planes = {of.plane_mm: of for of in results.planes_of_settings()}
     plane = planes.get(published.MONTE_CARLO_PLANE_MM)
     for load, stated in published.AFTER.items():
-        ours, remark = (NOT_MEASURED if load not in after else NOT_COMPUTED), ""
+        ours, remark = (NOT_COMPUTED if load in measured else NOT_MEASURED), ""
         if load in after and plane is not None:
             distance_mm = after[load] - plane.mean_mm
             ours = f"{distance_mm:.2f}"

@@ -202,11 +202,12 @@ def draw_fig5_before_after(results: ResultsBundle) -> Figure:
     repeats: dict[bool, Any] = {False: scatter_by_load(places(results))["largest_per_axis"]}
     repeats |= {True: published.REPEATABILITY_MM} if of_paper else {}
     columns, angles = [], []
-    for k, (load, case) in enumerate(cases.items()):
+    for k, (load, together) in enumerate(combined.errors.items()):
+        alone = cases[load].errors[load] if load in cases else None
         shown: list[tuple[str, Accuracy | published.PublishedError, bool]] = [
-            ("before", case.errors[load].before, False),
-            ("after", case.errors[load].after, False),
-            ("combined", combined.errors[load].after, False),
+            ("before", together.before, False),
+            *([] if alone is None else [("after", alone.after, False)]),
+            ("combined", together.after, False),
             *((slot, of[load], True) for slot, of in stated.items() if load in of),
         ]
         for slot, errors, is_paper in shown:
@@ -223,11 +224,11 @@ def draw_fig5_before_after(results: ResultsBundle) -> Figure:
         "Error before and after calibration, at each load (compare Fig. 5 of the paper)",
     )
     lowest = position = style.panel(figure, 23.0, 26.0 + raised, 145.0, 73.0)
-    _draw_columns(position, columns, list(cases), room=(3.0, 3.0))
+    _draw_columns(position, columns, list(combined.errors), room=(3.0, 3.0))
     position.set_ylabel("position error [mm]")
     if seen:
         lowest = style.panel(figure, 23.0, 26.0, 145.0, 32.0)
-        _draw_columns(lowest, angles, list(cases), room=(2.5, 6.0))
+        _draw_columns(lowest, angles, list(combined.errors), room=(2.5, 6.0))
         lowest.set_ylabel("orientation\nerror [deg]")
     lowest.set_xlabel("external load")
     handles = [
