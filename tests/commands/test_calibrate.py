@@ -105,7 +105,8 @@ def test_all_load_cases_in_one_go(work, combined):
 def test_a_load_case_that_is_refused_is_named_and_nothing_is_written(work, capsys):
     out = work / "refused"
     assert run_calibrate(work, None, out, {"inner_poses": 40}) == 2
-    assert "load case 0N: calibration.inner_poses: more inner poses" in capsys.readouterr().err
+    told = capsys.readouterr().err
+    assert "load case combined: calibration.inner_poses: more inner poses" in told
     assert not out.exists()
 
 

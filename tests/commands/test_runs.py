@@ -28,6 +28,7 @@ from pa10cal.fleet.arm_status import forget_ended
 from pa10cal.fleet.campaigns import ListedCampaign
 from pa10cal.reports import page, summary
 from pa10cal.reports.summary import CampaignSummary
+from pa10cal.results.calibration import BaseFrameRecord, CalibrationRecord
 from pa10cal.results.codec import read, write
 from pa10cal.results.outcomes import ChainRecord, FleetRecord
 from pa10cal.running import workflow
@@ -235,6 +236,51 @@ def test_where_a_load_case_was_removed_all_are_calibrated_again(done, tmp_path):
     runs._forget_incomplete(results, raw)
     shutil.rmtree(results / "ingest")
     runs._forget_incomplete(results, raw)
+
+
+def under_loads(folder, load_of):
+    """Write the example with other loads, of the number of each row from 0; return its folder."""
+    shutil.copytree(EXAMPLE, folder)
+    with (folder / "poses.csv").open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    rows = [row | {"load_N": load_of(number)} for number, row in enumerate(rows)]
+    rows = [row for row in rows if row["load_N"] is not None]
+    with (folder / "poses.csv").open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
+    return folder
+
+
+def test_a_load_with_too_few_poses_has_no_fit_of_its_own(tmp_path, capfd):
+    results = tmp_path / "results"
+    raw = under_loads(tmp_path / "two", lambda row: 0 if row < 1 else 10)
+    assert take(raw, results) == 0
+    why = "fewer equations than unknowns (1 poses with 9 readings, 33 unknowns); needed: at least 4"
+    assert f"combined: note: no fit of 0N alone: {why}" in capfd.readouterr().err
+    made = {path.name for path in (results / "calibration").iterdir()}
+    assert made == {"10N.json", "combined.json"}
+    whole = read(CalibrationRecord, results / "calibration/combined.json", "irb120-points")
+    assert whole.loads_fitted == (0.0, 10.0)
+    assert set(whole.loads_left_out) == {"0N"}
+    seed = read(BaseFrameRecord, results / "seed/base_frame.json", "irb120-points")
+    assert seed.origin_from == "grid poses at every load"
+    runs._forget_incomplete(results, raw)
+    assert (results / "calibration/combined.json").is_file()
+    (results / "calibration/10N.json").unlink()
+    runs._forget_incomplete(results, raw)
+    assert not (results / "calibration/combined.json").exists()
+
+
+def test_where_no_load_has_enough_poses_all_together_may(tmp_path, capfd):
+    results = tmp_path / "results"
+    raw = under_loads(tmp_path / "few", lambda row: row % 4 if row < 10 else None)
+    assert take(raw, results) == 0
+    assert [path.name for path in (results / "calibration").iterdir()] == ["combined.json"]
+    raw = under_loads(tmp_path / "fewer", lambda row: row % 2 if row < 3 else None)
+    assert take(raw, results) == REFUSED
+    assert "load case combined: grid poses: fewer equations" in capfd.readouterr().err
+    assert not (results / "calibration").exists()
 
 
 def test_a_campaign_that_is_refused_leaves_nothing_that_looks_like_a_result(done, tmp_path, capsys):

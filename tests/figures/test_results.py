@@ -14,7 +14,13 @@ from hypothesis import strategies as st
 from drawn_examples import examples
 from made_up_results import elsewhere
 from pa10cal.errors import Pa10calError, RawDataError, RecordError
-from pa10cal.figures.campaign.paper_figures import PLACE_MM, places, scatter_by_load
+from pa10cal.figures.campaign.paper_against_ours import tabulate_paper_against_ours
+from pa10cal.figures.campaign.paper_figures import (
+    PLACE_MM,
+    draw_fig5_before_after,
+    places,
+    scatter_by_load,
+)
 from pa10cal.figures.draw import of_campaign
 from pa10cal.figures.published import is_of_papers_arm
 from pa10cal.reports.errors import better_general, headline
@@ -40,6 +46,22 @@ def test_loads_are_those_that_the_combined_calibration_was_fitted_to(spoiled):
     cases = spoiled.load_cases()
     assert list(cases) == ["0N", "22N", "44N"]
     assert cases["22N"].load == "22N"
+
+
+def test_a_load_that_was_left_out_is_not_missing(spoiled):
+    path = spoiled.folder / "calibration/combined.json"
+    change(path, loads_left_out={"22N": "fewer equations than unknowns"})
+    (spoiled.folder / "calibration/22N.json").unlink()
+    assert list(spoiled.load_cases()) == ["0N", "44N"]
+    figure = draw_fig5_before_after(spoiled)
+    assert [text.get_text() for text in figure.axes[-1].get_xticklabels()] == [
+        "0 N",
+        "22 N",
+        "44 N",
+    ]
+    rows = tabulate_paper_against_ours(spoiled).data.to_dict("records")
+    ours = [row["ours"] for row in rows if "at this load alone" in row["remark"]]
+    assert [value == "not computed" for value in ours] == 3 * [False, True, False]
 
 
 def test_the_general_model_stands_beside_the_papers_or_alone(results, sighted):

@@ -13,8 +13,9 @@ from made_up_model import case_of
 from pa10cal.arm.statics import Payload
 from pa10cal.calibration.general.case import fitted, suspected_outliers
 from pa10cal.calibration.options import GeneralOptions
-from pa10cal.errors import CalibrationError
+from pa10cal.errors import CalibrationError, TooFewPosesError
 from pa10cal.files.arms import load_arm
+from pa10cal.fit.uncertain_weights import with_assumed_weights
 
 KINDS = ("pose", "point", "points", "distance")
 SIX_AXES = ("pa10_6ce", "ur10", "irb120")
@@ -124,6 +125,15 @@ def test_what_cannot_be_identified_is_refused(see, robot, kind, count, payload, 
     seen = see(robot, kind, count=count)
     with pytest.raises(CalibrationError, match=says):
         general(robot, seen, payload, general=GeneralOptions(springs=springs))
+
+
+def test_weights_that_nobody_stated_need_no_equations(see):
+    arm = with_assumed_weights(replace(load_arm("irb120"), mass_kg=None, com_m=None))
+    found = general(arm, see("irb120", "point", count=9), PAYLOAD)
+    assert found.problem.readings == 27
+    assert found.fit.converged
+    with pytest.raises(TooFewPosesError, match=r"24 readings, 27 unknowns.*at least 9 poses"):
+        general(arm, see("irb120", "point", count=8), PAYLOAD)
 
 
 def test_torques_of_the_masses_stand_for_logged_ones(see):
