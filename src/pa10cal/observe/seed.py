@@ -85,13 +85,14 @@ def locate_base(
 def least_loaded(grid: Observations) -> NDArray[np.bool_]:
     """Return which poses have the lowest load of their own campaign, (P,); where few do, all of it.
 
-    They are few where a wrong one among them could not be found.
+    They are few where they are not twice as many as determine frames and targets.
     """
     rows, campaign = _at_lowest_load(grid), campaign_numbers(grid.states)
     parts = [part for _, part in grid.measured.campaigns] or [grid.measured]
     for number, part in enumerate(parts):
         of_campaign = campaign == number
-        if len(np.unique(grid.pose[rows & of_campaign])) < part.least_rows:
+        # `least_rows` are four times as many
+        if 2 * len(np.unique(grid.pose[rows & of_campaign])) < part.least_rows:
             rows = rows | of_campaign
     return rows
 

@@ -136,6 +136,16 @@ def test_weights_that_nobody_stated_need_no_equations(see):
         general(arm, see("irb120", "point", count=8), PAYLOAD)
 
 
+def test_joints_are_rigid_where_poses_are_too_few_for_springs_alone(see):
+    few = see("ur10", "point", count=9)
+    found = general("ur10", few, PAYLOAD)
+    assert found.springs == ()
+    assert set(found.held_rigid) >= {2, 3}
+    with pytest.raises(TooFewPosesError, match="27 readings, 29 unknowns"):
+        general("ur10", few, PAYLOAD, general=GeneralOptions(springs=(2, 3)))
+    assert general("ur10", see("ur10", "point", count=20), PAYLOAD).held_rigid == ()
+
+
 def test_torques_of_the_masses_stand_for_logged_ones(see):
     found = general("ur10", see("ur10", "pose"), PAYLOAD)
     assert found.torques_from == "masses"

@@ -23,8 +23,14 @@ from pa10cal.calibration.general.problem import (
     check_enough,
     general_problem,
     loaded_joints,
+    to_determine,
 )
-from pa10cal.calibration.general.springs import SpringFit, springs_not_shown, with_proven_springs
+from pa10cal.calibration.general.springs import (
+    SpringFit,
+    rigid_at,
+    springs_not_shown,
+    with_proven_springs,
+)
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.calibration.rules import FIT, SPRINGS
 from pa10cal.errors import RecordError
@@ -51,6 +57,8 @@ class GeneralCalibration(GeneralProblem):
     prior: PriorPart | None = None  # the prior, and what moved since; None without one
     # joints, from 1, with springs that the fit shows but that do not help to predict held-out poses
     unproven: tuple[int, ...] = ()
+    # joints, from 1, whose springs the poses are too few for: they are held rigid
+    held_rigid: tuple[int, ...] = ()
     # (k, k) covariance of the unknowns beside the tilts that are zero; None where none is
     beside_tilts: Array | None = None
 
@@ -82,12 +90,17 @@ def calibrate_general(
         links: whether the links are calibrated; else their parameters keep their nominal values.
 
     Raises:
-        CalibrationError: when there are too few poses, or springs are requested whose torques are
-            not known.
+        TooFewPosesError: when there are too few poses, with rigid joints too unless springs are
+            requested.
+        CalibrationError: when springs are requested whose torques are not known.
     """
     options = options or CalibrationOptions()
     fitted = partial(fit, robust=options.general.robust, max_iterations=options.max_iterations)
     posed = general_problem(arm, observations, start, payload, options, links=links)
+    held_rigid = _springs_beyond(posed) if options.general.springs == "auto" else ()
+    if held_rigid:
+        problem, kept = rigid_at(posed.problem, set(held_rigid))
+        posed = replace(posed, problem=problem, x_start=posed.x_start[kept])
     check_enough(posed.problem)
     found = fitted(posed.problem, posed.x_start)
     last = SpringFit(posed.problem, found, posed.springs, posed.x_start)
@@ -115,8 +128,14 @@ def calibrate_general(
         settled=settled,
         fit=found,
         unproven=unproven,
+        held_rigid=held_rigid,
         beside_tilts=beside_tilts,
     )
+
+
+def _springs_beyond(posed: GeneralProblem) -> tuple[int, ...]:
+    """Return the joints with a spring if there are fewer equations than unknowns with them."""
+    return posed.springs if posed.problem.readings < to_determine(posed.problem) else ()
 
 
 def _with_springs_that_help(

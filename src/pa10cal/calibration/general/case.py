@@ -294,13 +294,21 @@ def _warnings(full: GeneralCalibration, judged: records.Health) -> tuple[str, ..
         joints = ", ".join(f"joint {joint}" for joint in followers)
         of_joints = f" of {joints} (follows: true)" if followers else ""
         warnings.append(f"torques{of_joints} were not logged: those of {of_weights} are used")
-    if full.unproven:
-        joints = f"joint{'s' * (len(full.unproven) > 1)} {', '.join(map(str, full.unproven))}"
+    if full.held_rigid:
         warnings.append(
-            f"no spring in {joints}: the poses fitted show one, but it does not help to predict "
-            "clusters and stretches of poses that are held out"
+            f"no spring in {_joints_text(full.held_rigid)}: there are too few poses for springs; "
+            "what the joints deflect is taken as an error of geometry"
+        )
+    if full.unproven:
+        warnings.append(
+            f"no spring in {_joints_text(full.unproven)}: the poses fitted show one, but it does "
+            "not help to predict clusters and stretches of poses that are held out"
         )
     return tuple(warnings)
+
+
+def _joints_text(joints: tuple[int, ...]) -> str:
+    return f"joint{'s' * (len(joints) > 1)} {', '.join(map(str, joints))}"
 
 
 def as_load(

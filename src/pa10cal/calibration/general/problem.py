@@ -185,19 +185,24 @@ def _start_of(frame: Term, start: Start) -> list[float]:
     return [place_m.get(coordinate, 0.0) for coordinate in frame.coordinates]
 
 
-def check_enough(problem: Problem, *, known: int = 0) -> None:
-    """Refuse a problem with fewer equations than unknowns that the readings have to determine.
+def to_determine(problem: Problem, *, known: int = 0) -> int:
+    """Return how many unknowns the readings have to determine.
 
-    Unknowns of which a size is expected, such as assumed weights, have a prior and do not count.
+    Those of which a size is expected, such as assumed weights, have a prior and do not count.
 
     Args:
         known: number of the first unknowns with an informative prior; they do not count either.
+    """
+    return sum(each.plausible is None for each in problem.parameters[known:])
+
+
+def check_enough(problem: Problem, *, known: int = 0) -> None:
+    """Refuse a problem with fewer equations than unknowns; see `to_determine`.
 
     Raises:
         TooFewPosesError: with the number of poses that is needed.
     """
-    unknowns = sum(each.plausible is None for each in problem.parameters[known:])
-    rows = problem.readings
+    unknowns, rows = to_determine(problem, known=known), problem.readings
     if rows < unknowns:
         poses = len(problem.observations)
         given = f"{poses} poses with {rows} readings, {unknowns} unknowns"
