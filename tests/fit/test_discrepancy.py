@@ -11,6 +11,7 @@ from mended import write_simulated
 from pa10cal.fit.discrepancy import RowsAboutFit, discrepancy_of
 from pa10cal.fit.model_reading import load_model, model_from_plain
 from pa10cal.fit.model_writing import model_to_plain, save_model
+from pa10cal.fit.repeatability import repeatability_mm
 from pa10cal.fit.validity import Discrepancy
 from pa10cal.interface import calibrate, read_campaign
 from pa10cal.numerics.gaussian import Gaussian
@@ -125,6 +126,30 @@ def test_poses_that_nothing_was_chosen_by_raise_the_promise_where_they_exceed_it
         np.testing.assert_array_equal(more_mm2, 0.0)
         return
     np.testing.assert_allclose(more_mm2, ratio**2 * error_mm**2, rtol=0.25)
+
+
+@pytest.mark.parametrize(
+    ("arm_mm", "gross", "least", "most"),
+    [(0.0, False, 0.0, 0.0), (0.0, True, 0.0, 0.01), (0.06, False, 0.05, 0.07)],
+)
+def test_repeats_show_how_far_off_a_single_approach_is(complete, arm_mm, gross, least, most):
+    campaign, model = complete
+    grid = average_repeats(campaign.observations.of_kind("grid"))
+    twice = grid.take(np.repeat(np.arange(len(grid)), 2))
+    rng, p_instr_m = np.random.default_rng(1), twice.measured.p_instr_m.copy()
+    u_m = np.sqrt(np.diagonal(twice.measured.stated_covariance, axis1=1, axis2=2))
+    p_instr_m += rng.normal(0.0, u_m).reshape(p_instr_m.shape)  # of the instrument
+    p_instr_m += rng.normal(0.0, 1e-3 * arm_mm / np.sqrt(3.0), (len(twice), 1, 3))
+    p_instr_m[7] += 5e-3 * gross
+    readings = replace(twice, measured=replace(twice.measured, p_instr_m=p_instr_m))
+    poses, readings = model.as_modelled(grid), model.as_modelled(readings)
+    assert repeatability_mm(model, poses) == 0.0  # nothing is repeated
+    assert least <= repeatability_mm(model, readings) <= most
+    found = discrepancy_of(model, poses, readings=readings)
+    at_poses = replace(found, error_mm=np.zeros_like(found.error_mm))
+    np.testing.assert_allclose(
+        at_poses.error_at_mm(poses.states.q_rad), repeatability_mm(model, readings)
+    )
 
 
 def test_of_a_complete_model_little_is_lacking(complete):

@@ -332,7 +332,7 @@ def _remarks(evidence: GradeEvidence) -> Iterator[str]:
         if told and not scatter.is_of_attitude:
             yield (
                 f"repeats scatter by {1e3 * scatter.found:.2g} mm, {scatter.ratio:.2g} times what "
-                "is stated: the arm's own repeatability, or a change between them; see the verdict"
+                "is stated: the arm's own repeatability, or a change between them; u_mm holds it"
             )
     if evidence.below_noise and not (evidence.repeats or evidence.noise_is_found):
         yield (

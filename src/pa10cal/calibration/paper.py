@@ -20,6 +20,8 @@ from pa10cal.fit.discrepancy import discrepancy_of, lacking_mm
 from pa10cal.fit.fitted import FittedTo
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.problem import identify_beyond, not_identifiable, possible_sizes
+from pa10cal.fit.repeatability import repeatability_mm
+from pa10cal.fit.validity import Discrepancy
 from pa10cal.fit.weighed_arm import weighed_model
 from pa10cal.observe.observations import Observations, average_repeats, poses_of
 from pa10cal.observe.pose import Pose
@@ -64,8 +66,9 @@ def paper_case(
     cubic = calibrated(cubic=True)
     linear = calibrated(cubic=False) if joints else cubic
     load_N, payload, rigid = grid.states.load_N, case.payload, nominal(arm)
+    stated = poses_of(every, "grid", average=False, covariance="instrument").take(rows)
     model, linear_model = (
-        replace(each, discrepancy=discrepancy_of(each, used))
+        replace(each, discrepancy=_discrepancy_of(each, used, stated))
         for each in (weighed_model(fit.model(payload), chosen) for fit in (cubic, linear))
     )
     before, from_seed = (
@@ -73,7 +76,6 @@ def paper_case(
         for T in (accuracy.align_nominal(rigid, grid), T_instr_base_seed)
     )
     noise = uncertainty.with_own_scatter(used, chosen, model.model, model.x)
-    stated = poses_of(every, "grid", average=False, covariance="instrument").take(rows)
     evidence = replace(
         _evidence(case, cubic, noise, stated),
         discrepancy_mm=lacking_mm(model.discrepancy, used.states.q_rad),
@@ -101,6 +103,20 @@ def paper_case(
         warnings=_warnings(cubic, found, seed_angle_deg),
     )
     return record, model
+
+
+def _discrepancy_of(
+    model: FittedModel, used: Observations[Pose], stated: Observations[Pose]
+) -> Discrepancy | None:
+    """Return what a model lacks, by averaged poses, and by their readings with stated noise.
+
+    The noise of the averaged poses is that of repeats already.
+    """
+    found = discrepancy_of(model, used)
+    if found is None:
+        return None
+    of_repeats_mm = repeatability_mm(model, model.as_modelled(stated))
+    return replace(found, repeatability_mm=of_repeats_mm)
 
 
 def _paper_fit_keys(calibration: Calibration, model: FittedModel) -> dict[str, Any]:

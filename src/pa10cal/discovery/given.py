@@ -343,7 +343,8 @@ def _graded(campaign: Prepared, fit: _Fit, grading: Grading) -> EffectCalibratio
     labels = zip(poses.pose.tolist(), poses.states.load_N.tolist(), strict=True)
     flagged = np.array([label in grading.suspected for label in labels])
     flagged |= np.bincount(reading_groups(readings), campaign.gross) > 0.0
-    discrepancy = discrepancy_of(model, poses.take(np.flatnonzero(~flagged)))
+    single = complete(campaign.trusted, campaign.baseline, campaign.setup, model)
+    discrepancy = discrepancy_of(model, poses.take(np.flatnonzero(~flagged)), readings=single)
     model = replace(model, discrepancy=discrepancy)
     deviations, summary, measured = model.deviations(poses), _summary(fit), fit.poses.measured
     evidence = GradeEvidence(

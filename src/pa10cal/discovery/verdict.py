@@ -27,7 +27,7 @@ from pa10cal.discovery.gap import ErrorsByName, PairedErrors, errors_by_name, tr
 from pa10cal.discovery.log_faults import DiagnosedFault, fault_of, log_is_to_be_checked
 from pa10cal.discovery.model_with_effects import ModelWithEffects
 from pa10cal.discovery.pose_scatter import PoseDeviations
-from pa10cal.discovery.preparation import Prepared
+from pa10cal.discovery.preparation import Prepared, complete
 from pa10cal.discovery.proof import ComplianceProof
 from pa10cal.discovery.rules import PROBABILITIES
 from pa10cal.discovery.short_forms import FormComparison, FormulaProposal
@@ -426,7 +426,8 @@ class Verdict(Generic[S]):
         """Return what a model lacks by the fitted poses, and by those held out of this campaign."""
         held_out = self.trusted_holdout
         kept_apart = None if held_out is None else held_out.poses
-        return discrepancy_of(fitted, self.train.poses, kept_apart=kept_apart)
+        readings = complete(self.prepared.trusted, self.baseline, self.prepared.setup, fitted)
+        return discrepancy_of(fitted, self.train.poses, kept_apart=kept_apart, readings=readings)
 
     def _fitted_to(self) -> FittedTo | None:
         """Return what the model was fitted to, its grade as the effects leave it."""

@@ -28,14 +28,22 @@ from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index, Mask
 from pa10cal.fit.fitted import Fitted
 from pa10cal.fit.problem import GaussianPrior, Problem, Rows, possible_sizes
-from pa10cal.fit.tails import Tails
+from pa10cal.fit.repeatability import (
+    along_noise_axes,
+    components_factor,
+    is_chance,
+    noise_mm2,
+    repeatability_mm,
+    to_mm,
+    trust_of,
+)
 from pa10cal.fit.validity import Discrepancy
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.instrument import Instrument, group_means
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.paths import along_a_path
 from pa10cal.observe.points import keep_their_distances
-from pa10cal.rules import LACK, SCATTER
+from pa10cal.rules import LACK
 from pa10cal.terms.field import embedded, well_spread
 from pa10cal.terms.model import Model
 from pa10cal.terms.offsets import base_frame
@@ -50,6 +58,7 @@ def discrepancy_of(
     poses: Observations,
     expected: GaussianPrior | None = None,
     kept_apart: Observations | None = None,
+    readings: Observations | None = None,
 ) -> Discrepancy | None:
     """Return the discrepancy of a model; None where there are too few poses to hold some out.
 
@@ -61,7 +70,10 @@ def discrepancy_of(
             none.
         kept_apart: averaged poses, as modelled, by which nothing of the model was chosen: what they
             show beyond it is added. None for none.
+        readings: single readings of the poses, as modelled, by whose repeats the repeatability of
+            the arm is found; None where it is not to be.
     """
+    of_repeats_mm = 0.0 if readings is None else repeatability_mm(model, readings)
     poses = poses.thinned_by_pose(LACK.most_poses)
     _, label = np.unique(poses.pose, return_inverse=True)
     count = int(label.max()) + 1
@@ -69,6 +81,7 @@ def discrepancy_of(
     if groups < 2:
         return None
     rows = RowsAboutFit.of(model, poses, expected=expected)
+    rows = rows.with_repeatability(of_repeats_mm, poses.readings)
     lever_m = levers_m(model.model, model.x, poses.states)
     turns = ~model.arm.prismatic
     points = embedded(poses.states.q_rad, lever_m, turns)
@@ -104,11 +117,16 @@ def discrepancy_of(
         distance_m=steps_m,
         error_mm=np.sqrt(mean_mm2),
         near_m=near_m,
+        repeatability_mm=of_repeats_mm,
     )
     if kept_apart is None or not len(kept_apart):
         return found
-    apart = RowsAboutFit.of(model, kept_apart).with_noise_by(rows.of_noise)
-    more_mm2 = _beyond_promised_mm2(model, found, apart, kept_apart.states.q_rad)
+    apart = RowsAboutFit.of(model, kept_apart)
+    apart = apart.with_repeatability(of_repeats_mm, kept_apart.readings).with_noise_by(
+        rows.of_noise
+    )
+    of_mean = replace(found, repeatability_mm=0.0)  # readings are averaged
+    more_mm2 = _beyond_promised_mm2(model, of_mean, apart, kept_apart.states.q_rad)
     return replace(found, error_mm=np.sqrt(mean_mm2 + more_mm2))
 
 
@@ -132,9 +150,7 @@ def _beyond_promised_mm2(
     )
     seen = promised > 0.0
     over = float(np.mean(errors[seen] / promised[seen]))
-    # twice the log likelihood ratio of a variance, by one deviate from each cluster
-    surely = np.count_nonzero(seen) * (over - 1.0 - np.log(max(over, _TINY)))
-    if over <= 1.0 or surely <= LACK.beyond_chance:
+    if over <= 1.0 or is_chance(over, int(np.count_nonzero(seen))):  # each cluster as one deviate
         return 0.0
     return (over - 1.0) * float(np.average(promised_mm2, weights=apart.trust))
 
@@ -243,21 +259,6 @@ def less_far_off(measured: Instrument, white: Array) -> Array:
     return np.asarray(np.minimum(1.0, LACK.far * np.median(size) / np.maximum(size, _TINY)))
 
 
-def _trust(measured: Instrument, white: Array) -> Array:
-    """Return by how much errors of poses count, (P,), by white residuals (P, b).
-
-    Beyond the tails of the others, however heavy these are, by the square of a robust weight, as in
-    the scatter of a fit. Readings whose targets keep their distances are right.
-    """
-    seen, ratio = measured.components_seen, np.ones(len(white))
-    for _, kind in measured.component_kinds:
-        size = np.where(seen[:, kind], np.abs(white[:, kind]), 0.0)
-        limit = Tails.of(size[seen[:, kind]]).largest(SCATTER.tail, 1)
-        ratio = np.maximum(ratio, size.max(axis=1) / max(limit, _TINY))
-    ratio[keep_their_distances(measured)] = 1.0
-    return np.asarray(ratio**-4.0)
-
-
 def _prior_about(expected: GaussianPrior, x: Array, free: Index, sizes: Array) -> Gaussian:
     """Return a prior of parameters as one of their deviations from x (k,), over sizes (u,).
 
@@ -282,28 +283,6 @@ def _with_maps_held(model: Fitted) -> tuple[Model, Index]:
             free.append(term)
     at = Model(model.model.chain, (*held, base_frame()))
     return at, model.model.parameter_indices(*free)
-
-
-def _targets_seen(measured: Instrument) -> Array:
-    """Return by how many targets the position of each pose is the mean, (P,); 1 at least."""
-    seen = measured.components_seen[:, measured.position_columns]
-    return np.asarray(np.maximum(seen.sum(axis=1) / 3.0, 1.0))  # three coordinates a target
-
-
-def _to_mm(measured: Instrument, weight: Array) -> Array:
-    """Return `RowsAboutFit.to_mm` (P, b) for rows of such root weights (P, b)."""
-    places, to_mm = measured.position_columns, np.zeros_like(weight)
-    seen, roots = measured.components_seen[:, places], np.maximum(weight[:, places], _TINY)
-    to_mm[:, places] = np.where(seen, 1e3 / roots, 0.0)
-    return np.asarray(to_mm / np.sqrt(_targets_seen(measured))[:, None])
-
-
-def _noise_mm2(measured: Instrument, variance: Array) -> Array:
-    """Return what variances (P, b) of components [m²] add to the square of the position error."""
-    places, noise_m2 = measured.position_columns, np.zeros_like(variance)
-    seen = measured.components_seen[:, places]
-    noise_m2[:, places] = np.where(seen, variance[:, places], 0.0)
-    return np.asarray(1e6 * noise_m2 / _targets_seen(measured)[:, None])
 
 
 class SquaresOfPoses(NamedTuple):
@@ -379,12 +358,9 @@ class RowsAboutFit:
         measured, count = poses.measured, len(model.targets_m)
         problem = Problem(at, np.arange(count), model.targets_m, model.T_instr_base, poses)
         rows, covariance = problem.rows(problem.start(x)), measured.stated_covariance
-        if measured.inverse:  # components are uncertain independently along the target's axes
-            to_axes = measured.along_noise_axes()
-            rows = Rows(
-                (to_axes @ rows.residual[:, :, None])[:, :, 0], np.asarray(to_axes @ rows.jacobian)
-            )
-            covariance = to_axes @ covariance @ to_axes.swapaxes(1, 2)
+        jacobian, _ = along_noise_axes(measured, rows.jacobian, covariance)
+        residual, covariance = along_noise_axes(measured, rows.residual, covariance)
+        rows = Rows(residual, jacobian)
         variance = np.diagonal(covariance, axis1=1, axis2=2)
         by_variance = _by_variance(measured, rows.residual, variance)
         white = by_variance * rows.residual
@@ -394,6 +370,8 @@ class RowsAboutFit:
         of_field = np.append(at.having("field"), np.zeros(len(sizes) - len(at.parameters), bool))
         # Residuals are with the field, whose prior mean is zero.
         by_field = rows.jacobian[:, :, of_field] @ x[of_field[: len(x)]]
+        trust = trust_of(measured, white)
+        trust[keep_their_distances(measured)] = 1.0  # these readings are right
         before = Gaussian.none(len(sizes))
         if expected is not None:
             before = _prior_about(expected, model.x, free, sizes)
@@ -405,11 +383,11 @@ class RowsAboutFit:
             sizes=sizes,
             parameter_index=free,
             of_field=of_field,
-            to_mm=_to_mm(measured, weight),
-            noise_mm2=_noise_mm2(measured, variance),
+            to_mm=to_mm(measured, weight),
+            noise_mm2=noise_mm2(measured, variance),
             of_parameters=1.0,
-            components_factor=LACK.components if len(measured.position_columns) == 1 else 1.0,
-            trust=_trust(measured, white),
+            components_factor=components_factor(measured),
+            trust=trust,
             before=before,
         )
         if model.covariance is None:
@@ -461,6 +439,18 @@ class RowsAboutFit:
     def with_noise_by(self, factor: float) -> RowsAboutFit:
         """Return the rows with variances of noise times a factor."""
         return replace(self, noise_mm2=factor * self.noise_mm2, of_noise=factor)
+
+    def with_repeatability(self, of_reading_mm: float, readings: Index) -> RowsAboutFit:
+        """Return the rows with noise that has the repeatability of the arm, too.
+
+        Args:
+            of_reading_mm: rms of the position in a single reading.
+            readings: (P,) how many were averaged.
+        """
+        shown = self.to_mm > 0.0
+        of_pose_mm2 = of_reading_mm**2 / (self.components_factor * readings)
+        share = shown / np.maximum(shown.sum(axis=1, keepdims=True), 1)
+        return replace(self, noise_mm2=self.noise_mm2 + of_pose_mm2[:, None] * share)
 
     def certainty(self, square_mm2: Array) -> Array:
         """Return by how much each component counts in mean squares beyond noise, (P, b).

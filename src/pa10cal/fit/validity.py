@@ -178,6 +178,8 @@ class Discrepancy:
     distance_m: Array  # (m,) distances from the nearest pose at which it was estimated, ascending
     error_mm: Array  # (m,) root mean square of the position error there, non-decreasing
     near_m: float  # a pose within this distance is near those measured
+    # position of a single approach beyond the mean of many, rms, beyond what the instrument states
+    repeatability_mm: float = 0.0
 
     @classmethod
     def from_plain(cls, content: Mapping[str, Any], n: int) -> Self:
@@ -195,14 +197,19 @@ class Discrepancy:
             **numbers,
             turns=np.array(content["turns"], dtype=bool),
             near_m=float(content["near_m"]),
+            repeatability_mm=float(content.get("repeatability_mm", 0.0)),
         )
         finite = all(np.isfinite(array).all() for array in numbers.values())
-        finite &= bool(np.isfinite(lack.near_m))
+        finite &= bool(np.isfinite([lack.near_m, lack.repeatability_mm]).all())
         of_arm = lack.q.shape[1:] == lack.lever_m.shape == lack.turns.shape == (n,)
         of_steps = lack.distance_m.shape == lack.error_mm.shape == (len(lack),)
         if not (of_arm and of_steps and len(lack) and len(lack.q) and finite):
             raise ValueError("discrepancy is not made of finite numbers for this arm")
-        if (np.diff(lack.distance_m) < 0.0).any() or (lack.error_mm < 0.0).any():
+        if (
+            (np.diff(lack.distance_m) < 0.0).any()
+            or (lack.error_mm < 0.0).any()
+            or (lack.repeatability_mm < 0.0)
+        ):
             raise ValueError("discrepancy has distances that fall, or an error below zero")
         return lack
 
@@ -221,12 +228,13 @@ class Discrepancy:
         """Return the standard uncertainty that it adds at joint positions (N, n), (N,).
 
         Between the distances at which it was estimated the variance is interpolated linearly;
-        beyond the last, the error grows in proportion to the distance.
+        beyond the last, the error grows in proportion to the distance. Repeatability is the same
+        everywhere.
         """
         distance_m = self.distance_of(q)
         variance = np.interp(distance_m, self.distance_m, self.error_mm**2)
         beyond = np.maximum(distance_m / max(float(self.distance_m[-1]), _NO_DISTANCE_M), 1.0)
-        return np.asarray(np.sqrt(variance) * beyond)
+        return np.asarray(np.hypot(np.sqrt(variance) * beyond, self.repeatability_mm))
 
     def near(self, q: Array) -> NDArray[np.bool_]:
         """Return which joint positions (N, n) are near measured poses, (N,)."""

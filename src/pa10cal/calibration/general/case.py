@@ -96,7 +96,7 @@ def general_case(
     by_geometry = accuracy.summarise_by_load(of_geometry, load_N)
     trusted = accuracy.summarise_trusted(of_nominal, found.deviations, load_N, found.flagged)
     geometry, nominal = (
-        records.Fit(**_general_fit_keys(each, with_discrepancy(each), about))
+        records.Fit(**_general_fit_keys(each, with_discrepancy(each, found.readings), about))
         for each in (found.geometry, found.nominal)
     )
     record = records.GeneralCalibrationRecord(
@@ -163,12 +163,18 @@ class _FittedCase:
         geometry = full if case.prior is None else nominal
         if case.prior is None and full.springs:
             geometry = calibrate_general(arm, used, start, payload, rigid)
-        model = weighed_model(with_discrepancy(full), full.problem.observations)
+        model = with_discrepancy(full, _single_readings(case, every))
+        model = weighed_model(model, full.problem.observations)
         grid = _with_model_torques(model, grid, payload)
         found = cls(case, every, start, used, full, geometry, nominal, model, grid, rows)
         spread_mm = used.measured.spread_mm
         _refuse_another_arm(full, found.all_rms_mm, spread_mm, found.noise_mm)
         return found
+
+    @cached_property
+    def readings(self) -> Observations:
+        """Return the single readings of the poses fitted."""
+        return _single_readings(self.case, self.every)
 
     @cached_property
     def deviations(self) -> Deviations:
@@ -234,8 +240,6 @@ class _FittedCase:
         if self.group is not None:
             zeros = full.problem.model.joint_zeros
             findings = (*findings, *contradictions(self.group, zeros))
-        single = self.every.of_kind("grid")
-        readings = single.take(case.rows(single.states))
         trusted = np.flatnonzero(self.rows & ~self.flagged)
 
         def trusted_rms_mm(found: Deviations) -> float:
@@ -254,8 +258,8 @@ class _FittedCase:
             rigid_outliers=sum(RIGID in outlier.why for outlier in self.outliers),
             at_one_end=at_one_end(used.states, self.flagged[self.rows]),
             all_rms_mm=self.all_rms_mm,
-            repeats=uncertainty.scatter_of_repeats(readings, model),
-            from_touches=readings.measured.from_touches,
+            repeats=uncertainty.scatter_of_repeats(self.readings, model),
+            from_touches=self.readings.measured.from_touches,
             findings=findings,
             without_springs_mm=None if without_springs is None else trusted_rms_mm(without_springs),
             weights=known.origin if known.assumed and full.springs else "",
@@ -387,6 +391,12 @@ def _parameters(
     }
 
 
+def _single_readings(case: LoadCase, every: Observations) -> Observations:
+    """Return the single readings of the calibration poses of a load case."""
+    single = every.of_kind("grid")
+    return single.take(case.rows(single.states))
+
+
 def _refuse_another_arm(
     general: GeneralCalibration, left_mm: float, spread_mm: float, noise_mm: float | None
 ) -> None:
@@ -438,11 +448,19 @@ def _of_model_and_frames(general: GeneralCalibration, covariance: Array) -> Arra
     return whole
 
 
-def with_discrepancy(general: GeneralCalibration) -> FittedModel:
-    """Return the fitted model with what it lacks."""
+def with_discrepancy(
+    general: GeneralCalibration, readings: Observations | None = None
+) -> FittedModel:
+    """Return the fitted model with what it lacks.
+
+    Args:
+        readings: single readings of its poses, by which the repeatability of the arm is found; None
+            where it is not to be.
+    """
     model = fitted(general)
     poses, expected = general.problem.observations, general.fit.span.expected
-    return replace(model, discrepancy=discrepancy_of(model, poses, expected))
+    single = None if readings is None else model.as_modelled(readings)
+    return replace(model, discrepancy=discrepancy_of(model, poses, expected, readings=single))
 
 
 def fit_summary(general: GeneralCalibration) -> FitSummary:
