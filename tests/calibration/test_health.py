@@ -517,6 +517,13 @@ def test_an_attitude_is_held_to_its_unit_alone():
         assert health(ended(), errors(repeats=shown)).grade == grade
 
 
+def test_repeats_that_scatter_more_than_stated_were_not_copied():
+    line = health(ended(), errors(repeats=repeats(1e-4))).line
+    assert "the load changed between repeats" in line
+    assert "copied" not in line
+    assert "were copied" in health(ended(), errors(repeats=repeats(1e-7))).line
+
+
 def test_repeats_that_scatter_twice_as_stated_are_told():
     found = health(ended(), errors(repeats=repeats(2e-5)))
     assert "repeats scatter by 0.02 mm, 2 times what is stated" in found.line

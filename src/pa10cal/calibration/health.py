@@ -195,11 +195,17 @@ def _stated(evidence: GradeEvidence) -> Iterator[records.InputFinding]:
         least, most = evidence.accepted_scatter(scatter)
         if not least <= scatter.found <= most:
             unit = "mrad" if scatter.is_of_attitude else "mm"
+            causes = (
+                "whether readings were copied or averaged"
+                if scatter.found < least
+                else "whether the instrument, a target or the load changed between repeats (see "
+                "the verdict); else the arm does not come back to a pose"
+            )
             yield records.InputFinding(
                 what=f"{1e3 * scatter.stated:.2g} {unit} is stated, repeats scatter by "
                 f"{1e3 * scatter.found:.2g} {unit}",
                 where=f"stated uncertainty of the {scatter.kind}",
-                remedy="check its unit and value, and whether readings were copied or averaged",
+                remedy=f"check its unit and value, and {causes}",
                 kind="stated_uncertainty",
             )
     if evidence.repeats or evidence.noise_is_found or not evidence.noise_mm:

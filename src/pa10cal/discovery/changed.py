@@ -1,13 +1,14 @@
 """Changes at a row of the log that no motion of base or instrument explains.
 
-From a row on a target sits elsewhere on the flange, all readings are longer along the beam, or the
-log follows another model of the arm. Each kind is a step function of time in columns of its own;
-the kinds, a step of the base among them, are compared at every row by their log evidence.
+From a row on a target sits elsewhere on the flange, all readings are longer along the beam, the arm
+carries another load than is stated, or the log follows another model of the arm. Each kind is a
+step function of time in columns of its own; the kinds, a step of the base among them, are compared
+at every row by their log evidence.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
@@ -18,7 +19,7 @@ from pa10cal.arrays import Array, Index, rms
 from pa10cal.discovery import jacobians
 from pa10cal.discovery.in_time import by_pose_and_time
 from pa10cal.discovery.log_faults import DiagnosedFault
-from pa10cal.discovery.nuisances import Nuisance, Wander, between_rows
+from pa10cal.discovery.nuisances import Jump, Nuisance, Wander, between_rows, steps_in_time
 from pa10cal.discovery.position_errors import mean_noise_error_mm, position_error_mm
 from pa10cal.discovery.rules import CHANGE, MOTION
 from pa10cal.fit.fitted_model import FittedModel
@@ -32,15 +33,18 @@ from pa10cal.observe.time_order import (
     step_thresholds,
 )
 from pa10cal.terms.effects.effect import Effect
+from pa10cal.terms.joint_spring import is_spring
 from pa10cal.terms.offsets import Offsets
+from pa10cal.terms.weights import ToolStated
 
 #: `zero` is that of a joint, see `joint_steps`.
-Kind = Literal["base", "beam", "target", "tool", "model", "zero"]
+Kind = Literal["base", "beam", "target", "tool", "load", "model", "zero"]
 WORDS: dict[Kind, str] = {
     "base": "a motion of the instrument or the base",
     "beam": "another size of the reflector",
     "target": "a target that slipped",
     "tool": "a tool that moved on the flange",
+    "load": "a load that was put on or taken off",
     "model": "a log that follows another model of the arm",
 }
 
@@ -91,6 +95,14 @@ class Change(Nuisance):
                 "on: a reflector of another size, or another zero of the distance"
             )
             remedy = "correct the size of the reflector there, and calibrate again"
+        elif self.kind == "load":
+            mass_kg = float((load_change(at).prior_factor @ (self.scale * self.amounts))[0])
+            what = (
+                f"from there on the arm carries {abs(mass_kg):.2g} kg {'more' * (mass_kg > 0.0)}"
+                f"{'less' * (mass_kg <= 0.0)} than is stated, which moves the targets by "
+                f"{size_mm:.2g} mm: a load that was put on or taken off, or another tool"
+            )
+            remedy = "state it as load_N in its rows, or calibrate the parts as two campaigns"
         else:
             what = (
                 f"from there on the log follows another model of the arm, {size_mm:.2g} mm (root "
@@ -133,11 +145,11 @@ def change_of(
         return None
     shown = spread_over_time(poses, MOTION.most_readings)
     poses, whitener = poses.take(shown), whitener[shown]
-    rows, kinds = StepRows(at, poses, whitener), kinds_of_change(at)
+    rows, kinds = StepRows(at, poses, whitener), kinds_of_change(at, poses, logged=logged)
     steps = {kind: rows.best(change_columns(*kind, at, poses)) for kind in kinds}
     changed = max(kinds, key=lambda kind: steps[kind].gain)
     (kind, target), best, of_base = changed, steps[changed], steps["base", 0]
-    needed = float(np.log(len(poses) * len(kinds) * len(CHANGE.scales) / CHANGE.false_rate))
+    needed = _needed(len(poses) * len(kinds))
     if kind == "base" or best.gain < max(needed, of_base.gain + CHANGE.better_nats):
         return None
     time_s = poses.states.time_s
@@ -178,51 +190,157 @@ def change_of(
     return found if size_mm > CHANGE.least_noise_ratio * stated_mm else None
 
 
+def _needed(tried: int) -> float:
+    """Return the log evidence that the best of so many steps, each of several sizes, needs."""
+    return float(np.log(tried * len(CHANGE.scales) / CHANGE.false_rate))
+
+
 def gradual_courses(poses: Observations) -> list[Array]:
     """Return powers of time, of poses in its order, each (P, 1, 1)."""
     course = np.linspace(-1.0, 1.0, len(poses))[:, None, None]
     return [course**power for power in range(1, CHANGE.courses + 1)]
 
 
-def rivals_of_steps(
-    wander: Wander | None, at: FittedModel, poses: Observations, whitener: Array
-) -> dict[float, tuple[str, ...]]:
-    """Return other explanations of each step of the base, in words, by its time.
+class OtherCauses(NamedTuple):
+    """What else than a motion of the base explains its steps."""
 
-    Empty where poses were measured again after a step: these show that the base moved.
+    loads: tuple[Change, ...]  # loads that were put on or taken off, which explain some of them
+    # other explanations that fit as well, in words, by the time of each of the other steps
+    rivals: Mapping[float, tuple[str, ...]]
+
+    def faults(
+        self, wander: Wander | None, at: FittedModel, poses: Observations
+    ) -> tuple[DiagnosedFault, ...]:
+        """Return the steps of the base, and what explains some of them, as faults of the log."""
+        steps = steps_in_time(wander, at, poses, self.rivals, [load.time_s for load in self.loads])
+        return (*steps, *(fault for load in self.loads for fault in load.faults(at, poses)))
+
+
+NO_OTHER_CAUSES = OtherCauses((), {})
+
+
+def other_causes(
+    wander: Wander | None, at: FittedModel, poses: Observations, whitener: Array, *, logged: bool
+) -> OtherCauses:
+    """Return what else explains the steps of the base.
+
+    Where poses were measured again after a step, these show that no joint and no target moved, but
+    a load moves them as well.
     """
-    found: dict[float, tuple[str, ...]] = {}
-    if wander is None or poses.measured.campaigns or measured_again(poses):
-        return found
+    if wander is None or not wander.jumps or poses.measured.campaigns:
+        return NO_OTHER_CAUSES
+    again = measured_again(poses)
     shown = spread_over_time(poses, MOTION.most_readings)
     poses, whitener = poses.take(shown), whitener[shown]
     time_s = poses.states.time_s
+    needed = _needed(len(wander.jumps))
+    every = kinds_of_change(at, poses, logged=logged)
+    kinds = [kind for kind in every[1:] if not again or kind[0] == "load"]
+    loads, found = [], dict[float, tuple[str, ...]]()
     for jump in wander.jumps:
         others = tuple(other for other in wander.jumps if other is not jump)
         of_others = replace(wander, jumps=others, amounts=None).columns(at, poses)
         rows = StepRows(at, poses, whitener, of_others)
         row = np.array([np.searchsorted(time_s, jump.time_s)])
-        kinds = kinds_of_change(at)
+        of_base = rows.best(change_columns("base", 0, at, poses), row)
         steps = {kind: rows.best(change_columns(*kind, at, poses), row) for kind in kinds}
+        load = steps.get(("load", 0))
+        if load is not None and load.gain > of_base.gain + CHANGE.as_good_nats:
+            loads.append(_load_of(jump, load, of_base, rows, at, poses))
+            continue
         rivals = dict.fromkeys(
-            WORDS[kind[0]]
-            for kind in kinds[1:]
-            if rows.does_as_well(kind[0], steps[kind], steps["base", 0])
+            WORDS[kind[0]] for kind in kinds if rows.does_as_well(kind[0], steps[kind], of_base)
         )
-        for joint in range(1, at.arm.n + 1):
+        # What a step of the base leaves, too, may be what it explains better than a load.
+        if load is not None and load.gain > needed and not rows.leaves_little(of_base):
+            rivals[WORDS["load"]] = None
+        for joint in () if again else range(1, at.arm.n + 1):
             step = rows.best(CHANGE.size * jacobians.by_joints(at, poses, (joint,)), row)
-            if rows.does_as_well("zero", step, steps["base", 0]):
+            if rows.does_as_well("zero", step, of_base):
                 rivals[f"another zero of joint {joint}"] = None
         found[jump.time_s] = tuple(rivals)
-    return found
+    return OtherCauses(tuple(loads), found)
 
 
-def kinds_of_change(at: FittedModel) -> list[tuple[Kind, int]]:
-    """Return the kinds of change, each with the index of its target, the base first."""
+def load_between_repeats(
+    at: FittedModel,
+    poses: Observations,
+    whitener: Array,
+    effects: Sequence[Effect],
+    *,
+    logged: bool,
+) -> OtherCauses:
+    """Return the load that was put on or taken off between readings of the same poses, if any.
+
+    Repeats tell what goes with time from what goes with the pose, so that it is sought beside all
+    that depends on either. It has to gain more than a motion of the base, and beside gradual loads.
+    """
+    if not (may_show_changes(poses) and measured_again(poses)):
+        return NO_OTHER_CAUSES
+    shown = spread_over_time(poses, MOTION.most_readings)
+    poses, whitener = poses.take(shown), whitener[shown]
+    if ("load", 0) not in kinds_of_change(at, poses, logged=logged):
+        return NO_OTHER_CAUSES
+    columns = change_columns("load", 0, at, poses)
+    smooth = by_pose_and_time(at, poses, effects, logged=logged, weights=True)
+    rows = StepRows(at, poses, whitener, *smooth)
+    load, of_base = rows.best(columns), rows.best(change_columns("base", 0, at, poses))
+    gradual = [CHANGE.static_sizes * (columns * course) for course in gradual_courses(poses)]
+    at_once = StepRows(at, poses, whitener, *smooth, *gradual)
+    needed = _needed(2 * len(poses))
+    if (
+        load.gain < max(needed, of_base.gain + CHANGE.as_good_nats)
+        or at_once.best(columns, np.array([load.row])).gain < needed
+    ):
+        return NO_OTHER_CAUSES
+    time_s = poses.states.time_s
+    near = rows.as_good(columns, load.scale, load.row)
+    jump = Jump(
+        float(0.5 * (time_s[load.row - 1] + time_s[load.row])),
+        float(time_s[near[0] - 1]),
+        float(time_s[near[-1]]),
+    )
+    return OtherCauses((_load_of(jump, load, of_base, rows, at, poses),), {})
+
+
+def _load_of(
+    jump: Jump, step: Step, of_base: Step, rows: StepRows, at: FittedModel, poses: Observations
+) -> Change:
+    """Return the load that explains a jump of the base."""
+    columns = change_columns("load", 0, at, poses)
+    return Change(
+        kind="load",
+        target=0,
+        time_s=jump.time_s,
+        before_s=jump.before_s,
+        after_s=jump.after_s,
+        scale=step.scale,
+        rivals=(WORDS["base"],) if rows.does_as_well("base", of_base, step) else (),
+        amounts=rows.amounts(columns, step.scale, step.row),
+    )
+
+
+def kinds_of_change(
+    at: FittedModel, poses: Observations, *, logged: bool
+) -> list[tuple[Kind, int]]:
+    """Return the kinds of change, each with the index of its target, the base first.
+
+    Args:
+        logged: whether torques were logged: those of any load are among them.
+    """
     targets = len(np.ravel(at.targets_m)) // 3
     found: list[tuple[Kind, int]] = [("base", 0), ("beam", 0), ("model", 0)]
     found += [("target", b) for b in range(targets)]
-    return found + ([("tool", 0)] if targets > 1 else [])
+    found += [("tool", 0)] if targets > 1 else []
+    yields = any(map(is_spring, at.model.terms)) and poses.states.static_loads is not None
+    return [*found, ("load", 0)] if yields and not logged else found
+
+
+def load_change(at: FittedModel) -> ToolStated:
+    """Return the load of the last link that an arm may carry besides what is stated, as a term."""
+    mass_kg = at.arm.mass_kg
+    arm_kg = 0.0 if mass_kg is None else float(mass_kg.sum())
+    return ToolStated("tool", of_calculated=True, n=at.arm.n, tool_kg=0.0, arm_kg=arm_kg)
 
 
 def change_columns(kind: Kind, target: int, at: FittedModel, poses: Observations) -> Array:
@@ -237,6 +355,9 @@ def change_columns(kind: Kind, target: int, at: FittedModel, poses: Observations
         return CHANGE.size * of_targets @ by_small_motion(places_m).reshape(-1, 6)
     if kind == "beam":
         return CHANGE.size * _along_beam(poses)
+    if kind == "load":
+        load = load_change(at)
+        return jacobians.by_scaled_effects(at, poses, [load], [np.zeros(4)])[0]
     terms = [term for term in at.model.terms if type(term) is Offsets and term.of != "base"]
     own = jacobians.by_scaled_terms(at, poses, terms)
     frames = [CHANGE.frames * of_targets, CHANGE.frames * jacobians.by_base(at, poses)]

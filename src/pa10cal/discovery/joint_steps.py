@@ -153,7 +153,8 @@ def joint_steps_of(
     every = _columns(chosen, at, poses)
     unchanged = StepRows(at, poses, whitener)
     together = unchanged.best(every, _FROM_FIRST)
-    if together.gain < _of_others(at, poses, whitener, len(chosen)) + CHANGE.better_nats:
+    of_others = _of_others(at, poses, whitener, len(chosen), logged=logged)
+    if together.gain < of_others + CHANGE.better_nats:
         return None
     smooth = by_pose_and_time(at, poses, effects, logged=logged, weights=True)
     joints = [joint for joint, _ in chosen]
@@ -163,7 +164,8 @@ def joint_steps_of(
     found = []
     for k, step in enumerate(chosen):
         others = together.scale * np.delete(every, k, axis=2)
-        found.append(_described(*step, StepRows(at, poses, whitener, others), at, poses))
+        rows = StepRows(at, poses, whitener, others)
+        found.append(_described(*step, rows, at, poses, logged=logged))
     return JointSteps(
         steps=tuple(found),
         scale=together.scale,
@@ -265,9 +267,11 @@ def _chosen(at: FittedModel, poses: Observations, whitener: Array) -> list[tuple
     return sorted(found, key=lambda step: step[1])
 
 
-def _of_others(at: FittedModel, poses: Observations, whitener: Array, count: int) -> float:
+def _of_others(
+    at: FittedModel, poses: Observations, whitener: Array, count: int, *, logged: bool
+) -> float:
     """Return the most log evidence of as many steps of the base, or of another change at a row."""
-    rows, kinds = StepRows(at, poses, whitener), kinds_of_change(at)
+    rows, kinds = StepRows(at, poses, whitener), kinds_of_change(at, poses, logged=logged)
     best = max(rows.best(change_columns(*kind, at, poses)).gain for kind in kinds)
     columns = change_columns("base", 0, at, poses)
     of_bases, beside = 0.0, list[Array]()
@@ -282,7 +286,7 @@ def _of_others(at: FittedModel, poses: Observations, whitener: Array, count: int
 
 
 def _described(
-    joint: int, time_s: float, rows: StepRows, at: FittedModel, poses: Observations
+    joint: int, time_s: float, rows: StepRows, at: FittedModel, poses: Observations, *, logged: bool
 ) -> JointStep:
     """Return a step with what else explains it, by rows beside the other steps."""
     columns = CHANGE.size * jacobians.by_joints(at, poses, (joint,))
@@ -290,7 +294,7 @@ def _described(
     step = rows.best(columns, row)
     near = rows.as_good(columns, step.scale, int(row[0]))
     rivals: dict[str, None] = {}
-    for kind, target in kinds_of_change(at):
+    for kind, target in kinds_of_change(at, poses, logged=logged):
         of_kind = change_columns(kind, target, at, poses)
         as_well = rows.does_as_well(kind, rows.best(of_kind, row), step)
         if as_well or (kind != "model" and _imitates(of_kind, columns)):

@@ -8,7 +8,7 @@ priors.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
@@ -220,15 +220,20 @@ def steps_in_time(
     at: FittedModel,
     readings: Observations,
     rivals: Mapping[float, tuple[str, ...]] = MappingProxyType({}),
+    explained_s: Collection[float] = (),
 ) -> tuple[DiagnosedFault, ...]:
     """Return the jumps of the base as faults of the log.
 
-    Rivals are other explanations of a jump, in words, by its time; such a jump is not certain.
+    Args:
+        rivals: other explanations of a jump, in words, by its time; such a jump is not certain.
+        explained_s: times of jumps that are none, as something else explains them better.
     """
     if wander is None or not wander.jumps:
         return ()
     faults = []
     for jump, motion in zip(wander.jumps, wander.motions_by_course, strict=False):  # walks follow
+        if jump.time_s in explained_s:
+            continue
         size_mm = rms(
             position_error_mm(readings.measured, jacobians.by_base(at, readings) @ motion)
         )

@@ -34,7 +34,7 @@ from pa10cal.discovery.gap import PairedErrors, errors_of, gap
 from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit
 from pa10cal.discovery.next_poses import poses_at_unseen_angles, separating_poses, unresolved_pairs
 from pa10cal.discovery.noise import Noise
-from pa10cal.discovery.nuisances import motion_unexplained, steps_in_time
+from pa10cal.discovery.nuisances import motion_unexplained
 from pa10cal.discovery.pose_scatter import AS_FOUND, PoseDeviations, scatter_of, share_inside
 from pa10cal.discovery.position_errors import mean_noise_error_mm
 from pa10cal.discovery.preparation import Prepared, complete
@@ -471,7 +471,7 @@ def _verdict(campaign: Prepared, searched: SearchWithMotion) -> Verdict[ByBlocks
         train=scorer.gap_on(poses),
         holdout=None if campaign.held_out is None else scorer.gap_on(campaign.held_out),
         faults_of_rows=(
-            *steps_in_time(survey.wander, extended.at, poses, searched.rivals_of_jumps),
+            *searched.causes.faults(survey.wander, extended.at, poses),
             *of_change,
         ),
         nameless=found.nameless if remaining.over_floor else (),

@@ -8,7 +8,7 @@ repeats that with lines of gears, wobbling axes, and motion in time that its res
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -43,7 +43,7 @@ from pa10cal.discovery.blocked_cv.lost_motion import lost_motion_instead, stand_
 from pa10cal.discovery.blocked_cv.refit import Refit, refit
 from pa10cal.discovery.blocked_cv.search import Search
 from pa10cal.discovery.blocked_cv.survey import Survey, interleaved_blocks
-from pa10cal.discovery.changed import Change, change_of, rivals_of_steps
+from pa10cal.discovery.changed import NO_OTHER_CAUSES, Change, OtherCauses, change_of, other_causes
 from pa10cal.discovery.finding import Untestable
 from pa10cal.discovery.in_time import in_time_of
 from pa10cal.discovery.jacobians import WhitenedPoses
@@ -241,8 +241,7 @@ class SearchWithMotion(NamedTuple):
 
     outcome: SearchOutcome
     in_time: TimeFindings  # what the residuals of the search without motion show of time
-    # by the time of each jump, what explains it as well, in words
-    rivals_of_jumps: Mapping[float, tuple[str, ...]]
+    causes: OtherCauses  # what else explains its jumps
 
 
 def search_with_motion(survey: Survey) -> SearchWithMotion:
@@ -272,7 +271,7 @@ def _with_motion_shown(found: SearchOutcome) -> SearchWithMotion:
         fitted.at, poses, whiteners, fitted.weights.whiteners(), effects, logged=logged
     ) or change_of(fitted.at, poses, whiteners, effects, logged=logged)
     if change is not None:
-        return SearchWithMotion(search_survey(survey.changing(change)), NO_MOTION, {})
+        return SearchWithMotion(search_survey(survey.changing(change)), NO_MOTION, NO_OTHER_CAUSES)
     # An effect of time that was found is one explanation among those of a base that moved.
     others = (
         term
@@ -282,9 +281,9 @@ def _with_motion_shown(found: SearchOutcome) -> SearchWithMotion:
     still = replace(fitted.at, covariance=None).only(*others)
     in_time = in_time_of(still, poses, whiteners, effects, logged=logged, weights=True)
     if in_time.wander is None:
-        return SearchWithMotion(found, in_time, {})
-    rivals = rivals_of_steps(in_time.wander, still, poses, whiteners)
-    return SearchWithMotion(search_survey(survey.moving(in_time.wander)), in_time, rivals)
+        return SearchWithMotion(found, in_time, NO_OTHER_CAUSES)
+    causes = other_causes(in_time.wander, still, poses, whiteners, logged=logged)
+    return SearchWithMotion(search_survey(survey.moving(in_time.wander)), in_time, causes)
 
 
 def _with_steady_course(searched: SearchOutcome, found: SearchWithMotion) -> SearchWithMotion:

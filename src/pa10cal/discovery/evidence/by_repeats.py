@@ -19,6 +19,7 @@ from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index
 from pa10cal.calibration.two_level_fit import check_torques
 from pa10cal.discovery import preparation
+from pa10cal.discovery.changed import load_between_repeats, other_causes
 from pa10cal.discovery.evidence.candidates import split_testable
 from pa10cal.discovery.evidence.confirmation import WhitenedRows, whitened_rows
 from pa10cal.discovery.evidence.fit import (
@@ -55,7 +56,7 @@ from pa10cal.discovery.joint_steps import JointSteps, joint_steps_of, likely_joi
 from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit, pure_error_test
 from pa10cal.discovery.next_poses import separating_poses, unresolved_pairs
 from pa10cal.discovery.noise import same_circumstances, whitener_of
-from pa10cal.discovery.nuisances import TimeFindings, motion_unexplained, steps_in_time
+from pa10cal.discovery.nuisances import TimeFindings, motion_unexplained
 from pa10cal.discovery.proof import needed_nats
 from pa10cal.discovery.rules import EVIDENCE
 from pa10cal.discovery.short_forms import FormComparison
@@ -328,6 +329,12 @@ def _verdict(
         judgement=judgement,
     )
     held_out, wander, floor = campaign.held_out, problem.in_time.wander, noise_floor_mm(problem)
+    timed = extended.at, problem.readings, _whitener_in_time(problem)
+    logged = problem.torques_logged
+    if wander is None:
+        causes = load_between_repeats(*timed, _sought(problem), logged=logged)
+    else:
+        causes = other_causes(wander, *timed, logged=logged)
     places = {(place.form, place.of) for place in judgement.unexplained}
     same = {tuple(np.flatnonzero(row).tolist()) for row in ended.same}
     groups = [group for group in sorted(same) if len(group) > 1]
@@ -353,7 +360,7 @@ def _verdict(
         readings_wander=in_words(problem.in_time.of_targets),
         train=scorer.gap_on(average_repeats(campaign.trusted)),
         holdout=None if held_out is None else scorer.gap_on(held_out),
-        faults_of_rows=steps_in_time(wander, extended.at, problem.readings),
+        faults_of_rows=causes.faults(wander, extended.at, problem.readings),
     )
 
 
@@ -404,16 +411,21 @@ def _motion_in_time(
     problem: EvidenceProblem, start: EvidenceFit, effects: tuple[Effect, ...]
 ) -> TimeFindings:
     """Return how the base moves in time, about a fit of the baseline and beside effects."""
-    # A jump within few repeats may leave directions without noise: a part of that stated is added.
-    stated = problem.readings.measured.stated_covariance
     return in_time_of(
         start.at,
         problem.readings,
-        whitener_of(problem.noise.cov + EVIDENCE.least_uncertainty_share**2 * stated),
+        _whitener_in_time(problem),
         effects,
         logged=problem.torques_logged,
         weights=problem.torque is not None,
     )
+
+
+def _whitener_in_time(problem: EvidenceProblem) -> Array:
+    """Return the whitener (P, b, b) by which motion in time is sought."""
+    # A jump within few repeats may leave directions without noise: a part of that stated is added.
+    stated = problem.readings.measured.stated_covariance
+    return whitener_of(problem.noise.cov + EVIDENCE.least_uncertainty_share**2 * stated)
 
 
 def _exported(problem: EvidenceProblem, evidence_fit: EvidenceFit) -> FittedModel:
