@@ -108,6 +108,8 @@ class Start:
     targets_m: Array
     # (3,) the same as `p_ee_target_m` for each campaign of a group, by name
     p_ee_target_by_campaign_m: Mapping[str, Array] = field(default_factory=dict)
+    # whether the campaign states where the targets are
+    targets_stated: bool = False
 
 
 @dataclass(frozen=True)

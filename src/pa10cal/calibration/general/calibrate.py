@@ -17,7 +17,7 @@ from pa10cal.arm.chain import BASE, Chain
 from pa10cal.arm.description import Arm, weights_known
 from pa10cal.arm.statics import Payload, PoseStates
 from pa10cal.arrays import Array, Mask
-from pa10cal.calibration.general.fit import GeneralSolution, fit
+from pa10cal.calibration.general.fit import GeneralSolution, fit, hardly_known, usual_departures
 from pa10cal.calibration.general.problem import (
     GeneralProblem,
     check_enough,
@@ -32,7 +32,7 @@ from pa10cal.calibration.general.springs import (
     with_proven_springs,
 )
 from pa10cal.calibration.options import CalibrationOptions
-from pa10cal.calibration.rules import FIT, SPRINGS
+from pa10cal.calibration.rules import FIT, SPRINGS, UNKNOWNS
 from pa10cal.errors import RecordError
 from pa10cal.fit.loads import with_loads_read_by, with_torques
 from pa10cal.fit.problem import Problem
@@ -118,6 +118,7 @@ def calibrate_general(
     problem, found = last.problem, last.found
     if by_masses:
         problem, found = at_rest(problem, found, logged, payload, fitted)
+    found = _of_usual_size(problem, found, start, fitted)
     return GeneralCalibration(
         problem=problem,
         x_start=last.x_start,
@@ -196,6 +197,29 @@ def _without_tilts(
     about, scatter = last.found.x[kept], last.found.scatter
     found = fitted(problem, x_start, scatter_start=scatter, about=about)
     return SpringFit(problem, found, last.springs, x_start)
+
+
+def _of_usual_size(
+    problem: Problem,
+    found: GeneralSolution,
+    start: Start,
+    fitted: Callable[..., GeneralSolution],
+) -> GeneralSolution:
+    """Fit again with what is usual where readings hardly determine links, zeros and targets.
+
+    Departures are expected to be as large as those found, and targets where they are stated.
+    """
+    usual = usual_departures(problem, found)
+    about = np.where(np.isfinite(usual), 0.0, found.x)
+    if start.targets_stated:
+        of_targets = problem.having("target")
+        about[of_targets] = start.targets_m[problem.places]
+        usual[of_targets] = UNKNOWNS.stated_target_m
+    rows = hardly_known(found, usual)
+    if not len(rows):
+        return found
+    last = fitted(problem, found.x, scatter_start=found.scatter, about=about, usual=rows)
+    return replace(last, iterations=found.iterations + last.iterations)
 
 
 def _where_others_go(found: GeneralSolution, kept: Mask) -> Array:
@@ -311,7 +335,14 @@ def start_of(seed: BaseFrameRecord, measured: Instrument) -> Start:
     targets_m = np.concatenate([np.zeros(0), *(stated[name] for name in target_names)])
     tools_m = dict.fromkeys(dict(measured.campaigns), np.zeros(3))  # where no tool was located
     tools_m |= {name: T[:3, 3] for name, T in (seed.T_ee_target_of or {}).items()}
-    return Start(seed.T_instr_base, T_ee_target[:3, 3], T_ee_target[:3, :3], targets_m, tools_m)
+    return Start(
+        seed.T_instr_base,
+        T_ee_target[:3, 3],
+        T_ee_target[:3, :3],
+        targets_m,
+        tools_m,
+        targets_stated=bool(seed.target_stated),
+    )
 
 
 def base_motion(model: Model, x_base: Array) -> Array:

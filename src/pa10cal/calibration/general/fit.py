@@ -4,7 +4,8 @@ Every unknown has a normal prior about its start; its standard deviation is call
 larger than the uncertainty from the readings, so it matters only along directions that the readings
 hardly determine (a joint that hardly moved, nearly parallel axes): these stay near the start
 instead of moving by metres, and count as not identifiable. Unknowns that an earlier fit determined
-have the normal distribution of that fit as prior instead.
+have the normal distribution of that fit as prior instead. Departures of links and zeros are at last
+expected to be as large as those are that the readings do determine (empirical Bayes).
 """
 
 from __future__ import annotations
@@ -32,18 +33,25 @@ class Span:
     """Bounds and prior of the k unknowns."""
 
     bounds: Bounds  # ends of their physical range
-    reach: Array  # (k,) standard deviation of the prior about the start
+    reach: Array  # (k,) beyond which a direction counts as not identified
     # informative prior of the first unknowns in place of the reach; None for none
     expected: GaussianPrior | None
     centre: Array  # (k,) mean of the prior
-    rows: Array  # (k, k) root W of its precision W'W, rows of the known unknowns first
+    rows: Array  # (k + r, k) root W of its precision W'W, rows of the known unknowns first
 
     @classmethod
-    def about(cls, problem: Problem, x_start: Array, expected: GaussianPrior | None) -> Span:
+    def about(
+        cls,
+        problem: Problem,
+        x_start: Array,
+        expected: GaussianPrior | None,
+        usual: Array | None = None,
+    ) -> Span:
         """Return the prior of a problem's unknowns about a start (k,).
 
         Args:
             expected: informative prior of the first unknowns; None for none.
+            usual: (r, k) further rows of the prior, see `hardly_known`; None for none.
         """
         bounds, reach = Bounds.of(problem.parameters), reach_of(problem)
         centre, rows = bounds.clip(x_start), np.diag(1.0 / reach)
@@ -51,6 +59,8 @@ class Span:
             known = len(expected.mean)
             centre[:known] = expected.mean
             rows[:known, :known] = np.linalg.cholesky(expected.precision, upper=True)
+        if usual is not None:
+            rows = np.concatenate([rows, usual])
         return cls(bounds, reach, expected, centre, rows)
 
     @property
@@ -107,6 +117,7 @@ def fit(
     scatter_start: dict[str, float] | None = None,
     about: Array | None = None,
     expected: GaussianPrior | None = None,
+    usual: Array | None = None,
 ) -> GeneralSolution:
     """Fit the general model.
 
@@ -116,8 +127,9 @@ def fit(
         scatter_start: scatter of each kind at the start [m, rad]; None to estimate it there.
         about: (k,) mean of the prior of the unknowns; None for the start.
         expected: informative prior of the first unknowns; None for none.
+        usual: (r, k) further rows of the prior, see `hardly_known`; None for none.
     """
-    span = Span.about(problem, x_start if about is None else about, expected)
+    span = Span.about(problem, x_start if about is None else about, expected, usual)
     start = span.bounds.clip(x_start)
     weighting = _WeightedProblem(problem, span, robust, start, scatter_start)
     found = minimise(
@@ -184,6 +196,57 @@ def reach_of(problem: Problem) -> Array:
     reach = np.where(np.isfinite(width), width, UNKNOWNS.reach_scales * problem.scale)
     plausible = np.array([each.plausible for each in problem.parameters], dtype=float)
     return np.where(np.isnan(plausible), reach, plausible)
+
+
+def usual_departures(problem: Problem, found: GeneralSolution) -> Array:
+    """Return the standard deviation expected of each unknown, (k,), infinite but for departures.
+
+    Links of one arm are about as accurate as each other, and so are zeros: their departures from
+    nominal have a normal distribution about zero, of a size in scales that makes the readings most
+    likely (the EM algorithm, linear about the fit). Twice that size is expected: some are larger
+    than normal.
+    """
+    span, free = found.span, np.flatnonzero(np.diag(found.covariance) > 0.0)
+    inverse = found.widening**2 * np.linalg.inv(found.covariance[np.ix_(free, free)])
+    of_data = inverse - span.precision[np.ix_(free, free)]
+    x, centre = found.x[free], span.centre[free]
+    towards = inverse @ x - span.precision[np.ix_(free, free)] @ centre  # by the data alone
+    groups = [problem.having(*roles)[free] for roles in (("link", "tilt"), ("zero",))]
+    size = np.full(len(free), np.inf)  # in scales
+    for at in groups:
+        size[at] = UNKNOWNS.usual_scales
+    scale = problem.scale[free]
+    for _ in range(UNKNOWNS.usual_rounds):
+        precision = np.minimum(size * scale, span.reach[free]) ** -2.0
+        covariance = np.linalg.inv(of_data + np.diag(precision))
+        mean = covariance @ (towards + np.where(np.isinf(size), precision * centre, 0.0))
+        square = (mean**2 + np.diag(covariance)) / scale**2
+        for at in groups:
+            if at.any():
+                size[at] = np.sqrt(square[at].mean())
+    usual = np.full(len(found.x), np.inf)
+    usual[free] = scale * np.maximum(UNKNOWNS.usual_times * size, UNKNOWNS.usual_scales)
+    return usual
+
+
+def hardly_known(found: GeneralSolution, usual: Array) -> Array:
+    """Return rows (r, k) of a prior along the directions that a fit hardly determines.
+
+    There unknowns depart by no more than is usual. What the readings determine stays as it is.
+
+    Args:
+        usual: (k,) usual size of each unknown, infinite where none is known.
+    """
+    at = np.flatnonzero(np.isfinite(usual) & (np.diag(found.covariance) > 0.0))
+    within = np.ix_(at, at)
+    known = (
+        found.widening**2 * np.linalg.inv(found.covariance[within]) - found.span.precision[within]
+    )
+    information, directions = np.linalg.eigh(usual[at, None] * known * usual[at])
+    hardly = information < UNKNOWNS.known_share**-2.0
+    rows = np.zeros((int(np.count_nonzero(hardly)), len(usual)))
+    rows[:, at] = directions[:, hardly].T / usual[at]
+    return rows
 
 
 class _WeightedProblem:
