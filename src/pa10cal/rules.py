@@ -290,6 +290,8 @@ class Angles:
     # however densely a joint was seen, what was fitted holds so much further: twice the reach of a
     # fine wave [rad] (size)
     reach_rad: float = 2.0 * float(np.radians(1.25))
+    # a joint is about within the range that it had in a fit up to this part of it beyond (chosen)
+    beyond_share: float = 0.1
 
 
 @dataclass(frozen=True)

@@ -184,7 +184,7 @@ def test_a_check_answers_what_it_asks():
     suspect = by_check(ended(), errors(findings=(GUESS,), held_out=None))
     assert suspect["nothing in the input is suspect"].passes is False
     noise = suspect["noise explains the remaining error"]
-    assert (noise.passes, noise.limit) == (True, "1.50 times")
+    assert (noise.passes, noise.limit) == (True, "1.32 times")
     assert noise.found.endswith("0.99 times the stated noise of 0.017 mm")
     assert suspect["held-out poses agree with what the fit promises"].passes is None
     badly_held_out = by_check(ended(), errors(held_out=BAD))

@@ -45,6 +45,20 @@ def test_errors_never_fall_with_distance_and_go_on_in_proportion():
     assert SOME.near(q).tolist() == [True, True, False, False, False]
 
 
+@given(st.floats(0.05, 2.0), st.floats(-3.0, 3.0), st.integers(-1, 1), st.floats(-1.5, 2.5))
+def test_a_pose_is_near_only_if_each_joint_is_about_in_its_range(span, first, turn, at):
+    swept = np.linspace(first, first + span, 30)
+    turned = np.linspace(0.2, 0.3, 30)
+    near = replace(
+        SOME, q=np.column_stack([swept, turned]), lever_m=np.array([1e-3, 1.0]), near_m=1.0
+    )
+    q = np.array([[first + at * span + 2.0 * np.pi * turn, 0.25]])
+    beyond = span * max(-at, at - 1.0, 0.0)
+    margin = max(0.1 * span, np.radians(2.5))
+    if abs(beyond - margin) > 1e-9:
+        assert near.near(q).item() == (beyond < margin)
+
+
 def simulated(tmp_path, hidden, **plan):
     settings = SimulateOptions(
         robot="irb120",

@@ -273,7 +273,8 @@ class GradeEvidence:
         """Return the largest remaining error over the noise that chance explains."""
         own_mm, reading_mm = self.noise_with_apparatus_mm, self.reading_noise_mm
         dof = max(self.rows - self.ended.taken, 1.0)
-        limit = GRADES.over_noise * (1.0 + GRADES.chance_errors / float(np.sqrt(2.0 * dof)))
+        by_chance = GRADES.chance_errors / float(np.sqrt(2.0 * dof))
+        limit = 1.0 + float(np.hypot(GRADES.over_noise - 1.0, by_chance))
         if not own_mm or reading_mm is None:
             return limit
         of_targets_mm = GRADES.apparatus_ratio * self.apparatus_mm

@@ -167,6 +167,25 @@ def _intervals_near(angle_rad: Array, within_rad: float) -> Array:
     return np.column_stack([np.maximum(starts[inside], 0.0), np.minimum(ends[inside], _TURN)])
 
 
+def _about_within(position: Array, fitted: Array, *, turns: bool) -> NDArray[np.bool_]:
+    """Return which positions (N,) of a joint are about in the range of those of a fit (F,).
+
+    The range of a joint that turns is the circle without the largest arc that has none of them.
+    """
+    first, span = float(fitted.min()), float(np.ptp(fitted))
+    along = position - first
+    if turns:
+        angle = np.sort(np.mod(fitted, _TURN))
+        arcs = np.diff(angle, append=angle[0] + _TURN)
+        last = int(np.argmax(arcs))
+        first, span = float(angle[(last + 1) % len(angle)]), float(_TURN - arcs[last])
+        along = np.mod(position - first, _TURN)
+        along = np.where(along > 0.5 * (span + _TURN), along - _TURN, along)
+    beyond = np.maximum(np.maximum(-along, along - span), 0.0)
+    margin = max(ANGLES.beyond_share * span, ANGLES.reach_rad if turns else 0.0)
+    return np.asarray(beyond <= margin)
+
+
 @dataclass(frozen=True, eq=False)
 class Discrepancy:
     """Error of a fitted model beyond its covariance, by the distance from the poses of the fit."""
@@ -237,8 +256,15 @@ class Discrepancy:
         return np.asarray(np.hypot(np.sqrt(variance) * beyond, self.repeatability_mm))
 
     def near(self, q: Array) -> NDArray[np.bool_]:
-        """Return which joint positions (N, n) are near measured poses, (N,)."""
-        return np.asarray(self.distance_of(q) <= self.near_m)
+        """Return which joint positions (N, n) are near measured poses, (N,).
+
+        Each joint is about within the range that it had in these, too: one that hardly moves the
+        end, as that of a wrist, may be far beyond it where the end is near.
+        """
+        within = np.ones(len(q), dtype=bool)
+        for fitted, positions, turns in zip(self.q.T, q.T, self.turns.tolist(), strict=True):
+            within &= _about_within(positions, fitted, turns=turns)
+        return np.asarray(within & (self.distance_of(q) <= self.near_m))
 
     @cached_property
     def _tree(self) -> cKDTree:
