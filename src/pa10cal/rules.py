@@ -214,6 +214,12 @@ class Scatter:
 class Parameters:
     """How large parameters may be, and which are identified."""
 
+    # departures of links and zeros are expected to be at least so large, in scales (size)
+    usual_scales: float = 1.0
+    # and so many times as large as those that the readings determine (chosen)
+    usual_times: float = 2.0
+    # what is known to this part of its usual size is known by the readings alone (statistics)
+    known_share: float = 0.3
     # standard deviation thought possible of the model's own parameters, in their scale: wide enough
     # to leave every direction that the data determine alone, and to settle those that they do not
     # (size)

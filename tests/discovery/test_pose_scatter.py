@@ -119,7 +119,10 @@ def test_poses_that_suffice_are_of_all_kinds_and_of_small_campaigns(model, monke
 def test_a_model_of_distances_is_uncertain_along_the_line_of_sight(model):
     poses, _ = seen_by(model, 7, 300)
     T_instr_base = homogeneous(np.eye(3), np.array([3.0, 0.0, 0.0]))
-    off_base = replace(model, T_instr_base=T_instr_base, targets_m=np.zeros(3))
+    covariance = np.pad(model.covariance, (0, 3))
+    off_base = replace(
+        model, T_instr_base=T_instr_base, targets_m=np.zeros(3), covariance=covariance
+    )
 
     def distances_m(x):
         end = off_base.T_instr_base @ model.model.predict(poses.states, x)

@@ -194,14 +194,8 @@ class Unknowns:
     most_times: float = 5.0
     # reach of an unknown in its scale, where it has no physical range (size)
     reach_scales: float = 30.0
-    # departures of links and zeros are expected to be at least so large, in scales (size)
-    usual_scales: float = 1.0
-    # and so many times as large as those that the readings determine (chosen)
-    usual_times: float = 2.0
     # a target on the flange is about so far from where it is stated to be [m] (size)
     stated_target_m: float = 2e-3
-    # what is known to this part of its usual size is known by the readings alone (statistics)
-    known_share: float = 0.3
     usual_rounds: int = 50  # steps in which their size is found (computing)
     # a parameter is determined by a campaign that knows it to this part of what it may well
     # be (statistics)

@@ -281,6 +281,31 @@ def possible_sizes(model: Model, measured: Instrument | None = None) -> Array:
     return np.array(sizes)
 
 
+#: Roles of departures from nominal whose sizes in one arm are alike, each in its scale.
+DEPARTURES: tuple[tuple[Role, ...], ...] = (("link", "tilt"), ("zero",))
+
+
+def hardly_known(covariance: Array, usual: Array, prior: Array | None = None) -> Array:
+    """Return rows (r, k) of a prior along the directions that a fit hardly determines.
+
+    There unknowns depart by no more than is usual. What the readings determine is left as it is.
+
+    Args:
+        covariance: (k, k) by the fit.
+        usual: (k,) usual size of each unknown, infinite where none is known.
+        prior: (k,) precision that the fit had besides its readings; None for none.
+    """
+    at = np.flatnonzero(np.isfinite(usual) & (np.diag(covariance) > 0.0))
+    precision = np.linalg.inv(covariance[np.ix_(at, at)] / np.outer(usual[at], usual[at]))
+    if prior is not None:
+        precision -= np.diag(prior[at] * usual[at] ** 2)
+    known, directions = np.linalg.eigh(precision)
+    hardly = known < PARAMETERS.known_share**-2.0
+    rows = np.zeros((int(np.count_nonzero(hardly)), len(usual)))
+    rows[:, at] = directions[:, hardly].T / usual[at]
+    return rows
+
+
 @dataclass(frozen=True, eq=False)
 class GaussianPrior:
     """Normal distribution of the first k unknowns of a fit."""

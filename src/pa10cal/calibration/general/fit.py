@@ -19,7 +19,15 @@ from scipy.linalg.lapack import dtrtri
 
 from pa10cal.arrays import Array, Mask
 from pa10cal.calibration.rules import FIT, UNKNOWNS
-from pa10cal.fit.problem import GaussianPrior, Identifiability, Problem, Rows, Solution, triangle_of
+from pa10cal.fit.problem import (
+    DEPARTURES,
+    GaussianPrior,
+    Identifiability,
+    Problem,
+    Rows,
+    Solution,
+    triangle_of,
+)
 from pa10cal.fit.robust_weights import first_scatter, refreshed, weighted_rows
 from pa10cal.numerics.least_squares import Bounds, Equations, Step, minimise, solve_normal
 from pa10cal.rules import PARAMETERS
@@ -211,10 +219,10 @@ def usual_departures(problem: Problem, found: GeneralSolution) -> Array:
     of_data = inverse - span.precision[np.ix_(free, free)]
     x, centre = found.x[free], span.centre[free]
     towards = inverse @ x - span.precision[np.ix_(free, free)] @ centre  # by the data alone
-    groups = [problem.having(*roles)[free] for roles in (("link", "tilt"), ("zero",))]
+    groups = [problem.having(*roles)[free] for roles in DEPARTURES]
     size = np.full(len(free), np.inf)  # in scales
     for at in groups:
-        size[at] = UNKNOWNS.usual_scales
+        size[at] = PARAMETERS.usual_scales
     scale = problem.scale[free]
     for _ in range(UNKNOWNS.usual_rounds):
         precision = np.minimum(size * scale, span.reach[free]) ** -2.0
@@ -225,28 +233,8 @@ def usual_departures(problem: Problem, found: GeneralSolution) -> Array:
             if at.any():
                 size[at] = np.sqrt(square[at].mean())
     usual = np.full(len(found.x), np.inf)
-    usual[free] = scale * np.maximum(UNKNOWNS.usual_times * size, UNKNOWNS.usual_scales)
+    usual[free] = scale * np.maximum(PARAMETERS.usual_times * size, PARAMETERS.usual_scales)
     return usual
-
-
-def hardly_known(found: GeneralSolution, usual: Array) -> Array:
-    """Return rows (r, k) of a prior along the directions that a fit hardly determines.
-
-    There unknowns depart by no more than is usual. What the readings determine stays as it is.
-
-    Args:
-        usual: (k,) usual size of each unknown, infinite where none is known.
-    """
-    at = np.flatnonzero(np.isfinite(usual) & (np.diag(found.covariance) > 0.0))
-    within = np.ix_(at, at)
-    known = (
-        found.widening**2 * np.linalg.inv(found.covariance[within]) - found.span.precision[within]
-    )
-    information, directions = np.linalg.eigh(usual[at, None] * known * usual[at])
-    hardly = information < UNKNOWNS.known_share**-2.0
-    rows = np.zeros((int(np.count_nonzero(hardly)), len(usual)))
-    rows[:, at] = directions[:, hardly].T / usual[at]
-    return rows
 
 
 class _WeightedProblem:

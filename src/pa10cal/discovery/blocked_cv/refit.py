@@ -35,6 +35,7 @@ from pa10cal.discovery.model_with_effects import (
 from pa10cal.discovery.pose_scatter import AS_FOUND, PoseWeights, Widening, pose_weights
 from pa10cal.discovery.rules import BLOCKS
 from pa10cal.discovery.tuning import COMPUTING
+from pa10cal.fit.fitted import departures_hardly_known
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.problem import possible_sizes
 from pa10cal.numerics.least_squares import Bounds, Equations, Step, minimise
@@ -151,7 +152,9 @@ class _Problem:
     def _precision(self) -> Array:
         """Return the precision of the prior, (k, k), of effects of plausible sizes."""
         sizes = possible_sizes(self._model, self.measured)
-        parts = [np.diag(sizes[: len(self._survey.baseline.x)] ** -2.0)]
+        baseline = self._survey.baseline
+        departures = departures_hardly_known(baseline)
+        parts = [np.diag(sizes[: len(baseline.x)] ** -2.0) + departures.T @ departures]
         for effect in self._effects:
             whitener = np.linalg.inv(effect.prior_factor)
             shapes = np.zeros((len(effect.parameters) - effect.linear,) * 2)

@@ -20,6 +20,7 @@ from pa10cal.discovery.model_with_effects import (
 )
 from pa10cal.discovery.rules import EVIDENCE
 from pa10cal.discovery.tuning import COMPUTING
+from pa10cal.fit.fitted import departures_hardly_known
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.problem import possible_sizes
 from pa10cal.numerics.least_squares import Equations, minimise
@@ -164,7 +165,10 @@ class _FitRows:
             amounts = slice(at_effect.start, at_effect.start + effect.linear)
             prior_rows[amounts, amounts] = np.linalg.inv(EVIDENCE.sizes[size] * effect.prior_factor)
             mean[amounts.stop : at_effect.stop] = x_start[amounts.stop : at_effect.stop]
-        self._prior_rows, self._prior_mean = prior_rows, mean
+        departures = departures_hardly_known(baseline)
+        unusual = np.zeros((len(departures), len(mean)))
+        unusual[:, : len(baseline.x)] = departures
+        self._prior_rows, self._prior_mean = np.concatenate([prior_rows, unusual]), mean
         self._last_x: Array | None = None
 
     def _evaluate(self, x: Array) -> None:
