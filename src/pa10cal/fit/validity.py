@@ -180,7 +180,7 @@ def _about_within(position: Array, fitted: Array, *, turns: bool) -> NDArray[np.
         last = int(np.argmax(arcs))
         first, span = float(angle[(last + 1) % len(angle)]), float(_TURN - arcs[last])
         along = np.mod(position - first, _TURN)
-        along = np.where(along > 0.5 * (span + _TURN), along - _TURN, along)
+        along = np.where(_TURN - along < along - span, along - _TURN, along)
     beyond = np.maximum(np.maximum(-along, along - span), 0.0)
     margin = max(ANGLES.beyond_share * span, ANGLES.reach_rad if turns else 0.0)
     return np.asarray(beyond <= margin)
