@@ -318,6 +318,15 @@ class TestNamesThatOnePoseCarries:
             # The error told of it is that without it.
             assert withdrawn.shared_error_mm > 2.0 * first.train.after.mean_mm
 
+    def test_it_is_right_where_others_show_the_effect_as_well(self, wave, monkeypatch):
+        first, (finding,) = wave.discovery, wave.discovery.findings
+        pose = wave.readings.pose[40]
+        proof = finding.proof.model_copy(update={"influential_pose": pose})
+        carried = replace(first, findings=(replace(finding, proof=proof),))
+        monkeypatch.setattr(search, "_judged", lambda *_: first)
+        found = search._without_influential_poses(carried, wave.baseline)
+        assert (found.effects, found.faults) == (carried.effects, ())
+
     def test_names_that_further_poses_carry_are_withdrawn(self, wave, monkeypatch):
         """So many poses are left out and no more; then the next name does not rest on one."""
         first, (finding,) = wave.discovery, wave.discovery.findings

@@ -57,7 +57,7 @@ from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import is_error_map
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Collection, Sequence
 
     from pa10cal.results.calibration import InputFinding
 
@@ -126,32 +126,45 @@ def _without_influential_poses(found: Verdict, model: FittedModel) -> Verdict:
     """Return the verdict without poses on each of which alone the evidence of a name rests.
 
     An effect acts in all poses, so such a pose has a fault, and the campaign is judged again
-    without it. If an unexplained error then remains, the other poses do not fit either, and nothing
+    without it. If the effect is then named by the other poses, there is evidence without this one,
+    and nothing is wrong with it: it may be the pose that was suggested to show the effect. If an
+    unexplained error then remains, the other poses do not fit either, and nothing
     shows that this pose is worse: it stays, and the names are withdrawn instead. So are names that
     rest on one pose after the most poses that may be left out.
     """
+    shown: set[Effect] = set()  # effects that the other poses show as well
     for _ in range(JUDGING.most_carriers):
-        pose_of = _carried_by_one_pose(found)
+        pose_of = _carried_by_one_pose(found, shown)
         if not pose_of:
             return found
         first, pose = next(iter(pose_of.items()))
         fault = fault_of_influential_pose(pose, label_of(first.effect, None), first.proof.explains)
         without = _judged(found.prepared.without_pose(pose, fault), model)
+        others = [one.effect for one in without.effects if one.proof.influential_pose is None]
+        if first.effect in others:
+            shown.add(first.effect)
+            continue
         if without.unexplained:
             break
         found = without
-    pose_of = _carried_by_one_pose(found)
+    pose_of = _carried_by_one_pose(found, shown)
     reasons = {one: f"pose {pose} alone carries it" for one, pose in pose_of.items()}
     return without_names(found, reasons) if is_sought(found) and reasons else found
 
 
-def _carried_by_one_pose(found: Verdict) -> dict[Finding, str]:
-    """Return the names whose evidence rests on one pose, and that pose; none without a search."""
+def _carried_by_one_pose(found: Verdict, shown: Collection[Effect]) -> dict[Finding, str]:
+    """Return the names whose evidence rests on one pose, and that pose; none without a search.
+
+    Args:
+        shown: effects that are named without that pose, too.
+    """
     # A map states no cause, and may be shown by a single pose.
     return {
         one: one.proof.influential_pose
         for one in found.effects
-        if one.proof.influential_pose is not None and is_named(one.effect)
+        if one.proof.influential_pose is not None
+        and is_named(one.effect)
+        and one.effect not in shown
     }
 
 

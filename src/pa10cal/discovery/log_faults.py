@@ -127,4 +127,6 @@ def fault_of_influential_pose(pose: str, name: str, gain: float | None) -> Diagn
     what = (
         f"without this pose there is no evidence of {name}: one pose cannot show an effect of all"
     )
-    return fault_of_pose(pose, what, gain, decides=True)
+    fault = fault_of_pose(pose, what, gain, decides=True)
+    remedy = f"{fault.remedy}; if they are right, measure more poses like it"
+    return fault.model_copy(update={"remedy": remedy})
