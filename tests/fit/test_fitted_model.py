@@ -25,6 +25,7 @@ from pa10cal.fit.fitted import FittedTo
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.model_reading import load_model, model_from_plain
 from pa10cal.fit.model_writing import SCHEMA, model_to_plain, save_model
+from pa10cal.fit.validity import angles_seen
 from pa10cal.numerics.periodic_spline import (
     MapMotion,
     b_splines,
@@ -33,6 +34,7 @@ from pa10cal.numerics.periodic_spline import (
 )
 from pa10cal.options import Tolerances
 from pa10cal.terms.effects.joint import Backlash, JointCoupling
+from pa10cal.terms.effects.joint_error_map import JointErrorMap
 from pa10cal.terms.effects.structure import ToolSag
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
@@ -520,6 +522,24 @@ def test_variances_by_few_splines_are_those_of_all_knots(knots):
     expected = np.einsum("pik,kl,pjl->pij", whole, covariance[np.ix_(order, order)], whole)
     found = position_covariance(covariance, order[:dense], moved, maps)
     np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
+
+
+def test_beyond_the_angles_seen_a_map_is_uncertain_by_what_it_changes():
+    of_map = JointErrorMap(of="joint 1", knots=12)
+    model = fitted("pa10_6ce", 3, lambda _arm: (of_map, tool_frame()))
+    x = model.x.copy()
+    x[model.model.parameter_indices(of_map)] = 3e-4 * np.sin(2.0 * np.pi * np.arange(12) / 12)
+    seen = angles_seen(np.outer([-1.0, 1.0], np.ones(6)))
+    known, q = replace(model, x=x, seen=seen), np.array([[0.4, 0.5, 0.5, 0.5, 0.5, 0.5]] * 3)
+    q[:, 0] = 0.4, -1.5, 1.5
+    found, without = (
+        known.predict(q, frame="tool"),
+        replace(known, seen=None).predict(q, frame="tool"),
+    )
+    more_mm = np.sqrt(found.u_mm**2 - without.u_mm**2)
+    arm_mm = 1e3 * np.hypot(*found.T[:, :2, 3].T)
+    wave_rad = 2.0 * 3e-4 * np.sin(0.5 * 0.5)
+    assert more_mm == pytest.approx(arm_mm * [0.0, wave_rad, wave_rad], rel=0.02, abs=1e-9)
 
 
 def test_uncertain_joint_positions_are_in_the_uncertainty_of_a_prediction(tmp_path):

@@ -16,7 +16,7 @@ from pa10cal.fit.loads import statics_of, with_torques
 from pa10cal.fit.uncertain_weights import with_weights_by_log
 from pa10cal.numerics.periodic_spline import MapMotion, position_covariance
 from pa10cal.rules import LACK
-from pa10cal.terms.effects.joint_error_map import is_error_map
+from pa10cal.terms.effects.joint_error_map import JointErrorMap, is_error_map
 from pa10cal.terms.model import Model
 from pa10cal.terms.term import Term, shows_torque, yields
 from pa10cal.terms.wrapped import OF
@@ -309,6 +309,28 @@ class Forward:
         u_mm[rows] = 1e3 * 0.5 * np.linalg.norm(places_m[0] - places_m[1], axis=1)
         return u_mm
 
+    def beyond_maps_mm(self, states: PoseStates) -> Array:
+        """Return the standard uncertainty by maps beyond the angles seen, (N,); 0 where seen."""
+        variance_mm2, seen = np.zeros(len(states)), self.whole.seen
+        # Errors of a sensor or a gear are periodic for sure, and have other names.
+        maps = [
+            term
+            for term in self.physical.terms
+            if isinstance(term, JointErrorMap) and term.id == JointErrorMap.id
+        ]
+        if seen is None or not maps:
+            return variance_mm2
+        end = self.end(states)
+        for term in maps:
+            x = self.x[self.physical.columns_of(term)]
+            joint = term.joint - 1
+            away_rad = np.abs(seen.beyond(joint, states.q_rad[:, joint]))
+            off_rad = term.most_change(x, seen.intervals[joint], away_rad)
+            columns = self.physical.chain.columns(term.coordinates)
+            screw = self.at_frame(end, end.screws[:, :, columns])
+            variance_mm2 += (1e3 * off_rad) ** 2 * np.sum(screw[:, :3, 0] ** 2, axis=1)
+        return np.sqrt(variance_mm2)
+
     def unmodelled_growth_mm(self, given: PoseStates, T_base_frame: Array) -> Array:
         """Return the standard uncertainty by temperatures unlike those of the fit, (N,).
 
@@ -409,7 +431,7 @@ def predicted(model: Fitted, given: PoseStates, frame: str) -> Prediction:
         T, u_parameters_mm = end.T @ forward.T_end_frame, forward.uncertainty_mm(states, end)
         u_parameters_mm = np.hypot(u_parameters_mm, forward.unknown_arrival_mm(states))
         u_parameters_mm = np.hypot(u_parameters_mm, forward.unknown_temperature_mm(given))
-    u_mm = u_parameters_mm
+    u_mm = np.hypot(u_parameters_mm, forward.beyond_maps_mm(states))
     if model.discrepancy is not None:
         u_mm = np.hypot(u_mm, model.discrepancy.error_at_mm(q))
     u_mm = np.hypot(u_mm, forward.uncertain_joints_mm(states))

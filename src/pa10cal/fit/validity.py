@@ -54,6 +54,22 @@ class AngleCoverage:
             covered[:, j] = (number >= 0) & (position <= last[number])
         return covered
 
+    def beyond(self, joint: int, position: Array) -> Array:
+        """Return how far positions (N,) of a joint, from 0, are from the nearest covered one, (N,).
+
+        It is negative below that one, and 0 where covered, or where no position is.
+        """
+        ends = self.intervals[joint].ravel()
+        if not len(ends):
+            return np.zeros(len(position))
+        away = position[:, None] - ends
+        if self.turns[joint]:
+            away = np.mod(away + 0.5 * _TURN, _TURN) - 0.5 * _TURN
+        nearest = np.take_along_axis(away, np.abs(away).argmin(axis=1)[:, None], axis=1)[:, 0]
+        q = np.zeros((len(position), len(self.intervals)))
+        q[:, joint] = position
+        return np.asarray(np.where(self.covers(q)[:, joint], 0.0, nearest))
+
     def intervals_within(self, joint: int, low: float, high: float) -> Array:
         """Return the covered intervals (m, 2) of a joint, from 0, between two positions.
 

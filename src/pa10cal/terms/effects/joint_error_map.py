@@ -33,6 +33,8 @@ _JITTER = 1e-6
 #: Factor on the size expected of a map's mean over the turn: a constant is no error that depends
 #: on the angle, and belongs to the joint's offset.
 _CONSTANT = 1e-3
+#: Distance of the angles at which a map is looked at, at most [rad] (computing).
+_LOOKED_AT_RAD = float(np.radians(0.5))
 #: Part of the expected variance of a map that orders up to `finest_order` hold.
 _MOST = 0.9
 #: Knots a turn of sensor and gear: enough for every order in which such errors were ever found.
@@ -138,6 +140,29 @@ class JointErrorMap(JointEffect):
         unit = unit_splines(self.knots)  # the spline is linear in the errors at the knots
         spline = PPoly.construct_fast(unit.c @ x, unit.x, extrapolate="periodic")
         return np.asarray(spline(q_rad), dtype=np.float64)[:, None]
+
+    def most_change(self, x: Array, seen: Array, apart_rad: Array) -> Array:
+        """Return the most that errors change over distances (N,) where seen, (N,) [rad].
+
+        It is their modulus of continuity. Beyond the angles seen an error may be neither periodic
+        nor smooth: it then differs by so much from that at the nearest angle seen.
+
+        Args:
+            x: (K,) errors at the knots.
+            seen: (m, 2) first and last angle of the intervals that were seen [rad].
+        """
+        unit, most_rad = unit_splines(self.knots), np.zeros(len(apart_rad))
+        for first, last in seen:
+            count = int((last - first) / _LOOKED_AT_RAD) + 2
+            angle_rad = np.linspace(first, last, count)
+            error_rad = unit(angle_rad) @ x
+            changes = [
+                np.abs(error_rad[k:] - error_rad[:-k]).max() for k in range(1, len(angle_rad))
+            ]
+            modulus_rad = np.maximum.accumulate([0.0, *changes])
+            of_interval = np.interp(apart_rad, angle_rad - first, modulus_rad)
+            most_rad = np.maximum(most_rad, of_interval)
+        return most_rad
 
     def per_unit(self, states: PoseStates) -> Array:
         splines = unit_splines(self.knots)
