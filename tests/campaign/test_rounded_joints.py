@@ -141,6 +141,54 @@ def test_errors_of_joints_far_above_a_rounding_are_told(tmp_path):
     assert "readings show errors of joints about 1" in told  # 10.4 times
 
 
+def test_targets_that_were_not_seen_are_no_sign_of_small_noise(tmp_path):
+    raw, arm = sighted(tmp_path, "points", poses=60), load_arm("ur10")
+    logged_deg = np.round(np.degrees(raw.q), 4)
+    _with_positions(raw, arm, logged_deg, np.radians(logged_deg))
+    at = raw.column("T1_x_mm")
+    for k in range(1, len(raw.poses)):  # one of three targets a row
+        words = raw.poses[k].split(",")
+        words[at : at + 9] = ["" if j // 3 != k % 3 else words[at + j] for j in range(9)]
+        raw.poses[k] = ",".join(words)
+    assert not [warning for warning in ingest(raw).warnings if "rounded" in warning]
+
+
+def test_joints_that_follow_are_off_by_the_rounding_of_those_that_lead(tmp_path):
+    raw, arm = sighted(tmp_path, "points", poses=60), load_arm("ur10")
+    raw.description["coupling"] = [{"joint": 3, "by": 2, "factor": -1.0, "follows": True}]
+    q = raw.q.copy()
+    q[:, 2] = -q[:, 1]
+    axes = np.delete(np.arange(6), 2)
+    _with_positions(raw, arm, np.round(np.degrees(q[:, [*axes, 5]]), 2), q, noise_m=1e-5)
+    column = raw.column("q6_deg")
+    for k in range(len(raw.poses)):
+        words = raw.poses[k].split(",")
+        raw.poses[k] = ",".join([*words[:column], *words[column + 1 :]])
+    found = ingest(raw)
+    (told,) = [warning for warning in found.warnings if "rounded" in warning]
+    assert told.startswith("q1, q2, q3, q4, q5: joint positions are rounded to 0.01 deg")
+    u_rad = np.radians(0.01) / np.sqrt(12.0)
+    np.testing.assert_allclose(found.observations.log.q_u_stated, u_rad)
+
+
+def test_it_is_said_where_readings_do_not_tell_a_rounding_from_more_noise(tmp_path):
+    raw = sighted(tmp_path, "distance", poses=80)
+    column = raw.column("q1_deg")
+
+    def said(q_deg):
+        for k, of_row in enumerate(q_deg, start=1):
+            words = raw.poses[k].split(",")
+            words[column : column + 6] = [f"{each:.6f}" for each in of_row]
+            raw.poses[k] = ",".join(words)
+        found = ingest(raw)
+        assert not found.observations.log.q_u_stated.any()
+        return [each for each in found.warnings if "whole numbers of 0.1 deg" in each]
+
+    (told,) = said(np.round(np.degrees(raw.q), 1))
+    assert "state u_q1_deg, u_q2_deg" in told
+    assert not said(np.degrees(raw.q))
+
+
 def test_a_rounding_far_below_the_errors_of_joints_is_not_shown(tmp_path):
     raw, arm = sighted(tmp_path, "points", poses=60), load_arm("ur10")
     logged_deg = np.round(np.degrees(raw.q), 4)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from types import MappingProxyType
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -101,6 +102,8 @@ class Rounding(NamedTuple):
     readings: Observations
     steps: Mapping[int, Step]  # of the axes, from 0, that were rounded; empty where none was
     times: float  # median size of the errors of those joints, in units of those of rounding
+    # steps of axes that may be roundings, as far as the readings tell: they count as exact
+    possible: Mapping[int, Step] = MappingProxyType({})
 
 
 def whole_counts(q_deg: Array) -> float:
@@ -264,6 +267,17 @@ def warnings_of_steps(steps: Mapping[int, Step], times: float) -> list[str]:
     ]
 
 
+def warnings_of_possible_steps(steps: Mapping[int, Step]) -> list[str]:
+    """Return a warning for each step to which positions of axes, from 0, may be rounded."""
+    return [
+        f"{names}: joint positions are whole numbers of {step.words}; if that is a rounding, it "
+        "explains what the readings leave beyond their stated noise, as more noise does: log more "
+        f"decimals, or state {', '.join(f'u_{name}_{step.unit}' for name in names.split(', '))}: "
+        f"{uncertainty_of(step.in_column):.2g}"
+        for step, names in _axes_by(steps).items()
+    ]
+
+
 def _axes_by(values: Mapping[int, V]) -> dict[V, str]:
     """Return the names of the axes, from 0, of each value."""
     axes: dict[V, list[str]] = {}
@@ -285,7 +299,7 @@ def with_rounding(
         payload: what the arm carries; None where that is not known.
     """
     none, log = Rounding(readings, {}, 1.0), readings.log
-    if log is None or not _u_of_joints(steps, arm).any():
+    if log is None or not _u_of_axes(steps, arm).any():
         return none
     try:
         remainder = _remainder(readings.take(once_each(readings)), Chain.of(arm), payload)
@@ -295,20 +309,20 @@ def with_rounding(
     except (CalibrationError, np.linalg.LinAlgError):
         return none  # base, targets or the size of the errors are not determined
     if times is None:
-        return none
-    u = _u_of_joints(shown, arm)
+        return none._replace(possible=steps if _may_be_rounded(remainder, steps, arm) else {})
+    u = arm.coupling.uncertainty(_u_of_axes(shown, arm)[None])[0]
     q_u = np.hypot(np.nan_to_num(log.q_u), u)
     rounded = np.hypot(0.0 if log.q_u_rounded is None else log.q_u_rounded, np.full_like(q_u, u))
     uncertain = replace(readings, log=replace(log, q_u=q_u, q_u_rounded=rounded))
     return Rounding(uncertain, shown, times)
 
 
-def _u_of_joints(steps: Mapping[int, Step], arm: Arm) -> Array:
-    """Return standard uncertainties of the joints (n,) by the steps of axes, from 0 [rad, m]."""
+def _u_of_axes(steps: Mapping[int, Step], arm: Arm) -> Array:
+    """Return standard uncertainties of the axes (m,) by the steps of some, from 0 [rad, m]."""
     u_axes = np.zeros(len(arm.axes_slide))
     for axis, step in steps.items():
         u_axes[axis] = uncertainty_of(step.in_column)
-    u: Array = arm.coupling.uncertainty(in_radians(u_axes[None], arm.axes_slide))[0]
+    u: Array = in_radians(u_axes[None], arm.axes_slide)[0]
     return u
 
 
@@ -323,7 +337,7 @@ def _steps_shown(
     """
     tried = steps
     while 2 * len(tried) > len(steps):
-        u = _u_of_joints(tried, arm)
+        u = _u_of_axes(tried, arm)
         times = _times_of_rounding(remainder, u)
         if times is not None:
             return times, tried
@@ -352,13 +366,12 @@ def _with_finer_steps(
     on_grid = [axis for axis in tried if finer_than(steps[axis])]
     if not on_grid:
         return dict(tried)
-    u = _u_of_joints(tried, arm)
+    u = _u_of_axes(tried, arm)
     errors_of_any_size = remainder.likeliest(u, np.zeros(len(u)), np.full(len(u), _MOST_TIMES))
     too_large = errors_of_any_size.times < _TOO_LARGE
-    moved_by_axis = arm.coupling.uncertainty(np.eye(len(arm.axes_slide))) > 0.0  # (axes, joints)
     found = dict(tried)
     for axis in on_grid:
-        if (moved_by_axis[axis] & too_large).any():
+        if too_large[axis]:
             finer = finer_than(found.pop(axis))
             if finer:
                 found[axis] = max(finer, key=lambda step: step.in_column)
@@ -368,8 +381,8 @@ def _with_finer_steps(
 def _times_of_rounding(remainder: _Remainder, u: Array) -> float | None:
     """Return the size of errors of joints, where readings show these as of a rounding; else None.
 
-    The median of the joints that were rounded, in units of their uncertainties u (n,) by rounding.
-    Five hypotheses bound the errors of each joint, in these units, beside noise of any size: none;
+    The median of the axes that were rounded, in units of their uncertainties u (m,) by rounding.
+    Five hypotheses bound the errors of each axis, in these units, beside noise of any size: none;
     1 or more; any size; 1; any size of two joints.
     """
     no_errors, as_rounded, any_size = (np.full(len(u), times) for times in (0.0, 1.0, _MOST_TIMES))
@@ -398,11 +411,24 @@ def _times_of_rounding(remainder: _Remainder, u: Array) -> float | None:
     return None if np.isclose(times, _MOST_TIMES) else times
 
 
+def _may_be_rounded(remainder: _Remainder, steps: Mapping[int, Step], arm: Arm) -> bool:
+    """Return whether the noise seems larger than stated, and is not beside errors as of rounding.
+
+    Few readings do not tell these errors from more noise, which is no reason to be silent.
+    """
+    u = _u_of_axes(steps, arm)
+    none, rounded = np.zeros(len(u)), np.ones(len(u))
+    more_noise = remainder.likeliest(u, none, none).log
+    as_stated = remainder.likeliest(u, none, none, as_stated=True).log
+    beside_rounding = remainder.likeliest(u, rounded, rounded, as_stated=True).log
+    return as_stated < more_noise - _GAIN < beside_rounding
+
+
 class _Likeliest(NamedTuple):
     """The likeliest noise and errors of joints under a hypothesis."""
 
     log: float  # their log likelihood, but for a constant [nat]
-    times: Array  # (n,) errors of joints, in units of the uncertainties of the hypothesis
+    times: Array  # (m,) errors of axes, in units of the uncertainties of the hypothesis
 
 
 class _Remainder(NamedTuple):
@@ -413,41 +439,48 @@ class _Remainder(NamedTuple):
     residual: Array
     covariance: Array  # (P, b, b) as stated
     of_kinds: Array  # (c, b) which components are of each kind
-    by_joints: Array  # (P, b, n) derivative by errors of the joints
+    seen: Mask  # (P, b) which components were seen
+    by_axes: Array  # (P, b, m) derivative by errors of the axes
 
-    def likeliest(self, u: Array, least: Array, most: Array) -> _Likeliest:
+    def likeliest(
+        self, u: Array, least: Array, most: Array, *, as_stated: bool = False
+    ) -> _Likeliest:
         """Return the likeliest noise of any size, by kind of component, and errors of joints.
 
         Args:
-            u: (n,) standard uncertainties of the joints.
-            least, most: (n,) between which multiples of them the joints' errors may be.
+            u: (m,) standard uncertainties of the axes.
+            least, most: (m,) between which multiples of them the errors of axes may be.
+            as_stated: whether the noise is that which is stated, and not of any size.
         """
         kinds = len(self.of_kinds)
-        by_joint = np.einsum("pbj,pcj->jpbc", self.by_joints * u, self.by_joints * u)  # covariances
-        of_joints = by_joint.reshape(len(u), -1)  # one row a joint, for products with matrices
+        by_axis = np.einsum("pbj,pcj->jpbc", self.by_axes * u, self.by_axes * u)  # covariances
+        of_axes = by_axis.reshape(len(u), -1)  # one row an axis, for products with matrices
+        # What was not seen has no residual: it must not make the noise look small.
+        of_kinds = np.where(self.seen, self.of_kinds[:, None], 0.0)
 
         def cost(x: Array) -> tuple[float, Array]:
-            size = np.exp(x[:kinds]) @ self.of_kinds
-            noise = self.covariance * size[:, None] * size
-            covariance = noise + (x[kinds:] ** 2 @ of_joints).reshape(noise.shape)
+            size = np.einsum("k,kpb->pb", np.exp(x[:kinds]), of_kinds) + ~self.seen
+            noise = self.covariance * size[:, :, None] * size[:, None]
+            covariance = noise + (x[kinds:] ** 2 @ of_axes).reshape(noise.shape)
             _, log_det = np.linalg.slogdet(covariance)
             inverse = np.linalg.inv(covariance)
             solved = (inverse @ self.residual[:, :, None])[..., 0]
             value = 0.5 * float(np.sum(log_det) + np.sum(self.residual * solved))
             by_covariance = 0.5 * (inverse - solved[:, :, None] * solved[:, None])
-            by_kinds = 2.0 * self.of_kinds @ (by_covariance * noise).sum(axis=(0, 2))
-            by_times = 2.0 * x[kinds:] * (of_joints @ by_covariance.ravel())
+            by_kinds = 2.0 * np.einsum("kpb,pbc->k", of_kinds, by_covariance * noise)
+            by_times = 2.0 * x[kinds:] * (of_axes @ by_covariance.ravel())
             return value, np.concatenate([by_kinds, by_times])
 
         start = np.concatenate([np.zeros(kinds), np.clip(1.0, least, most)])
-        bounds = [(-5.0, 10.0)] * kinds + list(zip(least, most, strict=True))
+        of_noise = (0.0, 0.0) if as_stated else (-5.0, 10.0)
+        bounds = [of_noise] * kinds + list(zip(least, most, strict=True))
         found = minimize(cost, start, jac=True, bounds=bounds, method="L-BFGS-B")
         return _Likeliest(-float(found.fun), np.asarray(found.x[kinds:]))
 
     def moves_most(self, errors: Array) -> Mask:
-        """Return which joints (n,) move the readings most by their errors, in stated noise."""
+        """Return which axes (m,) move the readings most by their errors, in stated noise."""
         stated = np.linalg.cholesky(self.covariance)
-        moved = np.linalg.solve(stated, self.by_joints) * errors
+        moved = np.linalg.solve(stated, self.by_axes) * errors
         largest = np.argsort(np.sum(moved**2, axis=(0, 1)))[-_WITH_EFFECTS:]
         return np.isin(np.arange(len(errors)), largest)
 
@@ -472,5 +505,6 @@ def _remainder(readings: Observations, chain: Chain, payload: Payload | None) ->
         left.residual[left.usual] / np.sqrt(free_share),
         measured.stated_covariance[left.usual],
         of_kinds,
-        left.by_joints[left.usual],
+        measured.components_seen[left.usual],
+        chain.arm.coupling.by_axes(left.by_joints[left.usual]),
     )

@@ -46,6 +46,7 @@ from pa10cal.campaign.rounded_joints import (
     axes_in_steps,
     notes_on_counts,
     uncertainty_of,
+    warnings_of_possible_steps,
     warnings_of_steps,
     with_rounding,
 )
@@ -107,7 +108,8 @@ def read_tracked(
     corrected = without_instrument_motion(screen.found, str(file.path), screen.T_base_ee)
     beside_counts = {axis: steps[axis] for axis in steps.keys() - counts_per_turn.keys()}
     payload = description.payload(arm)
-    readings, rounded_to, times = with_rounding(corrected.readings, beside_counts, arm, payload)
+    rounding = with_rounding(corrected.readings, beside_counts, arm, payload)
+    readings = rounding.readings
     chain, own = Chain.of(arm), readings.measured.stated_covariance
     uncertain = _uncertain_as_joints(readings, chain)
     noise = with_noise_shown(
@@ -138,7 +140,8 @@ def read_tracked(
         *screens.count_warnings(description.configurations, logged_count, raw.file),
         *screen.warnings,
         *corrected.warnings,
-        *warnings_of_steps(rounded_to, times),
+        *warnings_of_steps(rounding.steps, rounding.times),
+        *warnings_of_possible_steps(rounding.possible),
         *file.words.contradicted_units(raw.file),
     ]
     absent = sorted(set(description.tool.balls_mm) - set(readings.measured.target_names))
