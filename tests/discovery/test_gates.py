@@ -290,6 +290,20 @@ def test_predictions_hold_that_an_effect_of_the_instrument_may_not_be_there(wave
     assert np.abs(otherwise.model.T_instr_base - two.model.T_instr_base).max() > 1e-7
 
 
+def test_predictions_hold_that_an_effect_may_be_none_of_those_known(wave):
+    """It is then an imitation, and errors of other poses are as large as without it."""
+    sure = wave.discovery
+    assert gates.with_doubt(sure).doubt is None
+    (named,) = sure.findings
+    unsure = gates.with_doubt(replace(sure, findings=(replace(named, unknown_probability=0.3),)))
+    probability, without = unsure.doubt
+    assert probability == pytest.approx(0.3, abs=0.05)
+    found, lacks = unsure.model.discrepancy, sure.model.discrepancy
+    assert without.error_mm.min() > 2.0 * lacks.error_mm.max()
+    expected = (1.0 - probability) * lacks.error_mm**2 + probability * without.error_mm**2
+    np.testing.assert_allclose(found.error_mm**2, expected, rtol=0.05)
+
+
 def test_what_uncertain_weights_take_up_is_no_comfort(monkeypatch, wave, nothing_hidden):
     """Any term that is there stands for uncertain weights; here the effect lowers the error."""
     assert "the weights may differ from the description" not in "".join(

@@ -20,7 +20,7 @@ from pa10cal.discovery.compliance import with_compliance
 from pa10cal.discovery.field import FieldFit, field_of, with_field
 from pa10cal.discovery.finding import Finding, is_named, label_of
 from pa10cal.discovery.gap import PairedErrors, errors_of, gap
-from pa10cal.discovery.gates import gated, with_other_readings
+from pa10cal.discovery.gates import gated, with_doubt, with_other_readings
 from pa10cal.discovery.joint_steps import JointSteps
 from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit
 from pa10cal.discovery.log_faults import (
@@ -92,7 +92,7 @@ def discover(
     if is_sought(found):
         found = with_lines_named(with_proposals(_likelier(found, gated(found))))
     found = with_likely_alternatives(with_predicted(with_compliance(found)))
-    return with_friction_of_log(with_other_readings(found))
+    return with_friction_of_log(with_doubt(with_other_readings(found)))
 
 
 def _without_joint_steps(

@@ -429,6 +429,32 @@ def with_other_readings(found: Verdict) -> Verdict:
     return replace(found, otherwise=Otherwise(model, probability))
 
 
+def with_doubt(found: Verdict) -> Verdict:
+    """Return a verdict that knows what its model lacks if an effect named is none of those known.
+
+    Of an error without a name an effect is an imitation: it then predicts other poses no better
+    than the model without it, as far as is known. Of several such effects it is the least sure.
+    """
+    # A field is fitted beside all effects. Of the instrument's `otherwise` says more.
+    if not is_sought(found) or found.predicted is not None:
+        return found
+    doubted = [
+        finding
+        for finding in found.findings
+        if is_named(finding.effect)
+        and moves_robot(finding.effect)
+        and finding.explanations.none_of_these > 1.0 - PROBABILITIES.surely
+    ]
+    if not doubted:
+        return found
+    least_sure = max(doubted, key=lambda finding: finding.explanations.none_of_these)
+    without = with_findings(found, [each for each in found.findings if each is not least_sure])
+    lacks = without.model.discrepancy
+    if lacks is None:
+        return found
+    return replace(found, doubt=(least_sure.explanations.none_of_these, lacks))
+
+
 def _readings_may_be_right(finding: Finding) -> float:
     """Return the probability that no error of the instrument is in the place of a finding."""
     of_readings = [p for effect, p in finding.explanations.named if effect.error_of == "readings"]

@@ -252,6 +252,8 @@ class Verdict(Generic[S]):
     # joint positions within which the extended model holds; None where it holds everywhere
     falls_back: FallBack | None = None
     otherwise: Otherwise | None = None  # the model under another explanation of the readings
+    # probability that an effect named is none of those known, and what the model lacks without it
+    doubt: tuple[float, Discrepancy] | None = None
 
     @property
     def method(self) -> str | None:
@@ -417,7 +419,7 @@ class Verdict(Generic[S]):
             fitted_to=self._fitted_to(),
             targets_off_m=self.scorer.targets_off_m(targets_stated),
             seen=self.baseline.seen if self.scorer.seen is None else self.scorer.seen,
-            discrepancy=self._discrepancy_of(fitted),
+            discrepancy=self._in_doubt(self._discrepancy_of(fitted)),
             falls_back=falls_back,
             otherwise=self.otherwise,
         )
@@ -428,6 +430,10 @@ class Verdict(Generic[S]):
         kept_apart = None if held_out is None else held_out.poses
         readings = complete(self.prepared.trusted, self.baseline, self.prepared.setup, fitted)
         return discrepancy_of(fitted, self.train.poses, kept_apart=kept_apart, readings=readings)
+
+    def _in_doubt(self, lacks: Discrepancy | None) -> Discrepancy | None:
+        """Return what the model lacks, with what it does if an effect is none of those known."""
+        return lacks if lacks is None or self.doubt is None else lacks.mixed_with(*self.doubt)
 
     def _fitted_to(self) -> FittedTo | None:
         """Return what the model was fitted to, its grade as the effects leave it."""

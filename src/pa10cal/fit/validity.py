@@ -8,7 +8,7 @@ assumed to be.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Self
 
@@ -270,6 +270,12 @@ class Discrepancy:
         variance = np.interp(distance_m, self.distance_m, self.error_mm**2)
         beyond = np.maximum(distance_m / max(float(self.distance_m[-1]), _NO_DISTANCE_M), 1.0)
         return np.asarray(np.hypot(np.sqrt(variance) * beyond, self.repeatability_mm))
+
+    def mixed_with(self, probability: float, other: Discrepancy) -> Self:
+        """Return it where another one, if it is larger, holds with a probability: mean squares."""
+        square = np.interp(self.distance_m, other.distance_m, other.error_mm**2)
+        more = probability * np.maximum(square - self.error_mm**2, 0.0)
+        return replace(self, error_mm=np.sqrt(self.error_mm**2 + more))
 
     def near(self, q: Array) -> NDArray[np.bool_]:
         """Return which joint positions (N, n) are near measured poses, (N,).
