@@ -20,6 +20,7 @@ from pa10cal.calibration.options import CalibrationOptions, EffectOfPlace
 from pa10cal.discovery.given import record_with_effects
 from pa10cal.discovery.preparation import setup_of
 from pa10cal.evaluation.holdout import Evaluation
+from pa10cal.files.arms import load_arm
 from pa10cal.fit.weighed_arm import weighed_arm
 from pa10cal.options import DiscoveryOptions
 from pa10cal.results.calibration import UNRESERVED, InputFinding
@@ -240,3 +241,14 @@ def test_the_largest_turn_is_that_between_any_two_poses():
     T[:, :3, :3] = Rotation.from_rotvec(np.outer(angles_rad, [0.0, 0.6, 0.8])).as_matrix()
     model = SimpleNamespace(nominal=lambda: SimpleNamespace(as_read=lambda _: T))
     assert case._turned_rad(model, None) == pytest.approx(0.16)
+
+
+def test_a_joint_that_hardly_moved_is_named_with_where_it_stood():
+    arm = load_arm("ur10")
+    q = np.random.default_rng(1).uniform(-1.0, 1.0, (30, 6))
+    assert case._hardly_moved(arm, q) == ()
+    q[:, 4] = np.radians(55.0)
+    q[:, 3] *= 0.01
+    moved, still = case._hardly_moved(arm, q)
+    assert moved.startswith("joint 4, which stood between -0.")
+    assert still == "joint 5, which stood at 55 deg in all"

@@ -91,7 +91,7 @@ def off(sizes, **fit):
 def test_a_fit_down_to_the_noise_is_good():
     found = health(ended(), errors())
     assert found.grade == "good"
-    assert "is determined (rank 6)" in found.line
+    assert "such an instrument can (rank 6)" in found.line
     assert "but for" not in found.line
     assert found.findings == ()
 

@@ -139,7 +139,7 @@ def test_holds_out_whole_poses_where_the_rows_do_not_say_it(tracked, rule, held_
     poses = ingested.observations
     assert sorted(set(poses.pose[poses.kind == "holdout"])) == sorted(held_out)
     assert not set(poses.pose[poses.kind == "grid"]) & set(held_out)
-    assert "no line_x rows" in ingested.notes
+    assert not any("line_" in note for note in ingested.notes)  # of no use to this instrument
 
 
 @pytest.mark.slow_but_one_in(4)

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from made_up_sightings import sighted
 from pa10cal.commands.command_line import REFUSED, run_command
+from pa10cal.observe import seed
 
 RAW = Path(__file__).parents[2] / "data" / "raw"
 
@@ -188,6 +189,12 @@ def test_what_a_scara_leaves_open_is_held_as_stated_and_said(tmp_path, capsys):
     held = "target T1 along (0.00, 0.00, 1.00)"
     assert record["held_as_stated"] == [held]
     assert f"held as stated: {held}" in capsys.readouterr().out
+
+
+def test_a_target_that_is_held_in_all_directions_is_told_once():
+    held = [f"target T1 along {axis}" for axis in ("(1, 0, 0)", "(0, 1, 0)", "(0, 0, 1)")]
+    assert seed._directions_held(held) == "target T1 in all directions"
+    assert seed._directions_held([held[0], "target T2 along (1, 0, 0)"]).count("along") == 2
 
 
 def test_what_nobody_stated_is_not_said_to_be_stated(tmp_path, capsys):

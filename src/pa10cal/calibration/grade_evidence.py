@@ -69,6 +69,8 @@ class GradeEvidence:
     arm: Arm | None = None  # as described; None where that is not known
     # largest turn of the end-effector between two poses [rad]; None where not known
     turned_rad: float | None = None
+    # joints that hardly moved, in words with where they stood
+    hardly_moved: tuple[str, ...] = ()
     # the campaign of a group that alone is noisier than stated; None for none
     noisy_campaign: NoisyCampaign | None = None
     # tilts of parallel axes that the readings do not show and the fit left at zero, by name

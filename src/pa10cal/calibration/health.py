@@ -87,13 +87,13 @@ def graded(evidence: GradeEvidence) -> tuple[records.Grade, str, tuple[records.I
         return "few_poses", f"{uncertain}; {errors}{remarks}", ()
     if evidence.u_model_mm > GRADES.small_share * evidence.error_mm:
         remarks = (
-            f"; predicted positions have a standard uncertainty of {evidence.u_promised_mm:.3f} mm "
-            f"in the frame of the instrument{remarks}"
+            "; near these poses predicted positions have a standard uncertainty of "
+            f"{evidence.u_promised_mm:.3f} mm in the frame of the instrument{remarks}"
         )
     return (
         "good",
-        f"{errors}{_beside_noise(evidence)}; everything that such an instrument can determine is "
-        f"determined (rank {evidence.rank}){_not_shown(evidence)}{remarks}",
+        f"{errors}{_beside_noise(evidence)}; these poses determine every parameter that such an "
+        f"instrument can (rank {evidence.rank}){_not_shown(evidence)}{remarks}",
         (),
     )
 
@@ -279,6 +279,8 @@ def _few(evidence: GradeEvidence) -> str:
             "measure poses in other orientations: the tool hardly turned "
             f"({np.degrees(turned_rad):.2g} deg at most)"
         )
+    elif evidence.hardly_moved:
+        remedy = f"measure poses that move {' and '.join(evidence.hardly_moved)}"
     else:
         remedy = "measure poses that move every joint over its range"
     return f"not identifiable with these poses: {_listed(names)} ({identified}); {remedy}"

@@ -189,7 +189,9 @@ def read_campaign(
     arm_notes = (*arm.remarks, *controller_notes(arm.controller, arm))
     commanded = description.joints == "commanded"
     warnings = (*warnings, *controller_warnings(arm.controller, commanded=commanded))
-    useful = (*(LINES if instrument.uses_lines else ()), "holdout")
+    # Of an instrument that touches nothing lines are worth a word where there are some.
+    lines = instrument.uses_lines and (every.measured.from_touches or kinds & {*LINES})
+    useful = (*(LINES if lines else ()), "holdout")
     missing = [f"no {kind} rows" for kind in useful if kind not in kinds]
     return Campaign(
         folder,

@@ -204,6 +204,7 @@ def warnings_of(verdict: VerdictKeys) -> tuple[str, ...]:
     if verdict.search is not None and (count := verdict.search.excluded):
         found.append(
             f"{count} reading{'s are' if count > 1 else ' is'} excluded, far from the others of "
-            "the pose, or from the model where it has no others: a gross error"
+            "the pose, or from the model where it has no others: gross errors, or what the model "
+            "lacks there"
         )
     return tuple(found)

@@ -8,6 +8,7 @@ or where these are few those at every load.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -111,7 +112,7 @@ def summary(record: BaseFrameRecord) -> str:
     """Return the base frame and its uncertainty in one line."""
     scatter = f"{record.origin_scatter_mm:.3f} mm"
     how = "held as stated" if record.target_stated else "held where it started"
-    held = "".join(f"; {how}: {what}" for what in record.held_as_stated or ())
+    held = f"; {how}: {_directions_held(record.held_as_stated)}" if record.held_as_stated else ""
     if record.p_base_point_m is not None:
         place = ", ".join(f"{value:.3f}" for value in record.p_base_point_m)
         return f"fixed point at ({place}) m of the base, distances scatter by {scatter}{held}"
@@ -120,6 +121,14 @@ def summary(record: BaseFrameRecord) -> str:
         f"base frame by {record.method}, directions known to {1e3 * x_u_rad:.3f} and "
         f"{1e3 * y_u_rad:.3f} mrad, origins scatter by {scatter}{held}"
     )
+
+
+def _directions_held(held: Sequence[str]) -> str:
+    """Return directions of targets in words; a target that is held in all three once."""
+    names = [what.partition(" along ")[0] for what in held]
+    every = {name: f"{name} in all directions" for name in names if names.count(name) == 3}
+    words = [every.get(name, what) for name, what in zip(names, held, strict=True)]
+    return ", ".join(dict.fromkeys(words))
 
 
 def _located_record(

@@ -186,7 +186,10 @@ def poses_in_words(poses: PosesNeeded) -> str:
     """Return how uncertain predictions are, and how many poses would be enough."""
     if poses.u_model_mm is None:
         return "The uncertainty of predictions is not known."
-    now = f"{poses.measured} poses give a standard uncertainty of {mm(poses.u_model_mm)} mm"
+    now = (
+        f"{poses.measured} poses give a standard uncertainty of {mm(poses.u_model_mm)} mm of "
+        "positions predicted near them"
+    )
     purpose = "is wanted"
     if poses.wanted_mm is None:
         purpose = "would add hardly anything to the remaining error"
@@ -195,7 +198,7 @@ def poses_in_words(poses: PosesNeeded) -> str:
         return f"{now}; {enough}, which {number_needed(poses)} well-chosen poses reach."
     best = ", ".join(list(dict.fromkeys(poses.d_optimal_order))[:_MOST_POSES])
     return (
-        f"{now} of a predicted position. {enough}; "
+        f"{now}. {enough}; "
         f"{poses.needed} well-chosen poses reach it. For a "
         f"repetition of the campaign, the most informative of those measured are, in order: {best}."
     )

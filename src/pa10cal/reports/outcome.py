@@ -34,7 +34,7 @@ from pa10cal.terms.wording import (
 #: What each grade means.
 _GRADES = {
     "good": "The calibration is good.",
-    "few_poses": "The calibration is as good as its poses allow; more poses would help.",
+    "few_poses": "The poses do not determine all of the model: others, or more, would.",
     "incomplete": "The model is incomplete: its error is larger than the noise explains.",
     "suspect_input": "Something in the input is probably wrong.",
     "not_converged": "The fit did not converge.",

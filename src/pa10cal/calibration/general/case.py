@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from pa10cal.arm.chain import BASE
-from pa10cal.arm.description import weights_known
+from pa10cal.arm.description import Arm, weights_known
 from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Array, Mask
 from pa10cal.calibration import accuracy, uncertainty
@@ -121,7 +121,9 @@ def general_case(
         suspected_outliers=found.outliers,
         group=found.group,
         prior=full.prior,
-        warnings=_warnings(full, judged),
+        warnings=_warnings(
+            full, judged, some_logged=bool(np.isfinite(found.readings.states.tau_Nm).any())
+        ),
     )
     return record, full
 
@@ -268,6 +270,7 @@ class _FittedCase:
             nominal_mm=trusted_rms_mm(self.of_nominal),
             arm=case.arm,
             turned_rad=_turned_rad(model, used),
+            hardly_moved=_hardly_moved(case.arm, used.states.q_rad),
             noisy_campaign=accuracy.noisy_campaign(
                 self.grid.take(trusted),
                 self.deviations.distance_mm[trusted],
@@ -285,7 +288,9 @@ def _with_model_torques(
     return poses.with_states(with_loads_read_by(model.model.terms, states))
 
 
-def _warnings(full: GeneralCalibration, judged: records.Health) -> tuple[str, ...]:
+def _warnings(
+    full: GeneralCalibration, judged: records.Health, *, some_logged: bool
+) -> tuple[str, ...]:
     warnings = []
     if not full.fit.converged:
         warnings.append(f"not converged: {full.fit.reason}")
@@ -296,7 +301,7 @@ def _warnings(full: GeneralCalibration, judged: records.Health) -> tuple[str, ..
         of_weights = "assumed weights" if assumed else "the described masses"
         followers = sorted({c.joint for c in full.arm.coupled if c.follows})
         joints = ", ".join(f"joint {joint}" for joint in followers)
-        of_joints = f" of {joints} (follows: true)" if followers else ""
+        of_joints = f" of {joints} (follows: true)" if followers and some_logged else ""
         warnings.append(f"torques{of_joints} were not logged: those of {of_weights} are used")
     if full.held_rigid:
         warnings.append(
@@ -342,6 +347,18 @@ def _turned_rad(model: FittedModel, poses: Observations) -> float:
     traces = (float(np.tensordot(some, R, ((1, 2), (1, 2))).min()) for some in batches)
     cosine = 0.5 * (min(traces) - 1.0)
     return float(np.arccos(np.clip(cosine, -1.0, 1.0)))
+
+
+def _hardly_moved(arm: Arm, q: Array) -> tuple[str, ...]:
+    """Return the joints that hardly moved over poses (P, n), in words; those that turn alone."""
+    found = []
+    for joint in arm.coupling.own[~arm.prismatic[arm.coupling.own]].tolist():
+        low, high = np.degrees([q[:, joint].min(), q[:, joint].max()]).tolist()
+        if high - low < np.degrees(GRADES.hardly_turned_rad):
+            where = f"at {low:.4g} deg" if f"{low:.4g}" == f"{high:.4g}" else ""
+            between = f"between {low:.4g} and {high:.4g} deg"
+            found.append(f"joint {joint + 1}, which stood {where or between} in all")
+    return tuple(found)
 
 
 def _general_fit_keys(
