@@ -33,6 +33,7 @@ from pa10cal.results.codec import read, write
 from pa10cal.results.outcomes import ChainRecord, FleetRecord
 from pa10cal.running import workflow
 from pa10cal.running.failure import StageError
+from pa10cal.running.run_lock import RUN, run_lock
 from pa10cal.stages import readings
 from pa10cal.stages.pipeline import stages
 
@@ -390,6 +391,56 @@ def test_a_full_disk_is_no_verdict_on_a_campaign(tmp_path, monkeypatch, capsys, 
     assert take(EXAMPLE, tmp_path) == REFUSED
     assert "No space left on device" in capsys.readouterr().err
     assert not (tmp_path / "chain.json").exists()
+
+
+@pytest.mark.parametrize("name", ["calibration", "model/raw", "members"])
+def test_raw_files_in_a_folder_that_a_run_removes_are_refused(tmp_path, capsys, name):
+    results = tmp_path / "cell"
+    raw = shutil.copytree(EXAMPLE, results / name)
+    text = (raw / "campaign.yaml").read_text("utf-8")
+    (raw / "campaign.yaml").write_text(text.replace("name: irb120-points", "name: cell"), "utf-8")
+    before = sorted(tmp_path.rglob("*"))
+    assert take(raw, results) == REFUSED
+    assert main(["run", str(raw), "--out", str(tmp_path)]) == REFUSED
+    source = ["--dataset", "titan-robot-accuracy", "--source", str(raw)]
+    words = ["--campaign-dir", str(tmp_path / "titan-rail"), "--results", str(results)]
+    assert main(["chain", *words, *source]) == REFUSED
+    folder = name.partition("/")[0]
+    assert capsys.readouterr().err.count(f"lie in the folder {folder} of the results") == 3
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+OTHERS = ("model/cad.txt", "model/robot.urdf", "calibration/camera.json", "model", "chain.json")
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_files_that_no_run_made_are_not_removed(tmp_path, capsys, name):
+    results = tmp_path / EXAMPLE.name
+    (results / name).parent.mkdir(parents=True)
+    (results / name).write_text("mine", "utf-8")
+    assert take(EXAMPLE, results) == REFUSED
+    assert main(["run", str(EXAMPLE), "--out", str(tmp_path)]) == REFUSED
+    assert capsys.readouterr().err.count(f"{name}: a file that no run made") == 2
+    assert (results / name).read_text("utf-8") == "mine"
+
+
+def test_results_stay_where_the_campaign_is_mistyped_or_a_run_is_at_work(tmp_path, capsys):
+    results = tmp_path / "results"
+    assert take(EXAMPLE, results) == 0
+    assert take(EXAMPLE.with_name("irb120-point"), results) == REFUSED
+    assert "irb120-points" in capsys.readouterr().err
+    assert take(EXAMPLE.parent, results) == REFUSED
+    assert "there is no campaign.yaml" in capsys.readouterr().err
+    with run_lock(tmp_path, ["results"]) as work:
+        monkey = {key: value for key, value in os.environ.items() if key != RUN}
+        words = ["chain", "--campaign-dir", str(EXAMPLE), "--results", str(results)]
+        command = [sys.executable, "-m", "pa10cal", *words]
+        made = subprocess.run(command, env=monkey, capture_output=True, text=True, check=False)
+    assert made.returncode == REFUSED
+    assert "another run is at work on these results" in made.stderr
+    assert work.is_dir()
+    assert (results / "model/model.yaml").is_file()
+    assert take(EXAMPLE, results) == 0  # anew, in place of its own
 
 
 ENDS = {

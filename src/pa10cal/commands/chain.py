@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pa10cal.command_settings import ChainOptions
 from pa10cal.errors import OutputError, Pa10calError, SettingsError, no_memory
 from pa10cal.files.output import MAKE_ROOM, no_room, remove_results
+from pa10cal.running.run_lock import RUN, run_lock
 
 if TYPE_CHECKING:
     from pa10cal.running.child import Send
-
-#: Folders that a run makes among the results of a campaign; `members` is that of a group.
-_FOLDERS = (
-    *("members", "ingest", "seed", "baseline"),
-    *("calibration", "discovery", "evaluation", "model"),
-)
 
 
 def chain(
@@ -30,9 +28,10 @@ def chain(
     """Take a campaign from raw files to its model, or a group of campaigns, in one go.
 
     Writes the same files as the single stages. The stages run in a child, so that `chain.json`
-    states the outcome whatever ends them; files that earlier runs wrote for stages that did not run
-    are removed. The exit code is 2 where the campaign is refused, or a fault of the program or the
-    machine ends it; only a full disk leaves no `chain.json`.
+    states the outcome whatever ends them; the folders that earlier runs made are removed first, but
+    nothing where there is no campaign, or where they hold files that no run made. The exit code is
+    2 where the campaign is refused, or a fault of the program or the machine ends it; only a full
+    disk and an interrupt leave no `chain.json`.
 
     Args:
         campaign_dir: folder of raw files; of a group several.
@@ -45,11 +44,7 @@ def chain(
         pa10cal chain --campaign-dir data/raw/mine --results results/mine
         pa10cal chain --campaign-dir data/raw/may data/raw/june --results results/both
     """
-    from functools import partial
-
-    from pa10cal.planning.campaign import check_prior, refuse_among_raw_files
-    from pa10cal.results.outcomes import ChainRecord
-    from pa10cal.running.child import in_child
+    from pa10cal.planning.campaign import check_prior, refuse_among_raw_files, refuse_removed
 
     if bool(dataset) != bool(source) or (dataset and len(campaign_dir) > 1):
         raise SettingsError(
@@ -62,12 +57,62 @@ def chain(
     campaign_dir, results = tuple(map(_by_its_name, campaign_dir)), _by_its_name(results)
     for folder in campaign_dir:
         refuse_among_raw_files(results.resolve(), folder.resolve(), "--results", results)
+    if source is not None:
+        refuse_removed(results.resolve(), source.resolve(), "--results", results)
+    if source is None and RUN not in os.environ:  # of a lost one a fleet needs the outcome
+        for folder in campaign_dir:
+            _refuse_no_campaign(folder)
     members = campaign_dir if len(campaign_dir) > 1 else ()
     name = results.name if members else campaign_dir[0].name
     if settings.calibration.prior is not None:  # before results that hold it are removed
         own = [results, *(results.parent / folder.name for folder in members)]
         check_prior(settings.calibration.prior, own)
-    remove_results(results, ChainRecord.FILE, *_FOLDERS)
+    with _locked(results):
+        _make_anew(campaign_dir, results, name, dataset, source, settings)
+
+
+def _refuse_no_campaign(folder: Path) -> None:
+    """Refuse a folder that is not there, or that has no description, before anything is removed."""
+    if not os.path.lexists(folder / "campaign.yaml"):
+        from pa10cal.campaign.description import read_description
+
+        read_description(folder)
+
+
+@contextmanager
+def _locked(results: Path) -> Iterator[None]:
+    """Lock a folder of results, where that is possible: it may be a volume in a folder of root."""
+    parent = results.absolute().parent
+    there = next(folder for folder in (parent, *parent.parents) if folder.exists())
+    if not os.access(there, os.W_OK):
+        yield
+        return
+    with run_lock(parent, [results.name]):
+        yield
+
+
+def _make_anew(
+    campaign_dir: tuple[Path, ...],
+    results: Path,
+    name: str,
+    dataset: str,
+    source: Path | None,
+    settings: ChainOptions,
+) -> None:
+    """Remove what earlier runs made, run the stages in a child, and write the outcome.
+
+    Raises:
+        OutputError: when results cannot be written, or a file that no run made is in their place.
+        StageError: when a stage did not come to its end.
+    """
+    from functools import partial
+
+    from pa10cal.planning.campaign import RESULT_FILES, refuse_files_of_others
+    from pa10cal.results.outcomes import ChainRecord
+    from pa10cal.running.child import in_child
+
+    refuse_files_of_others(results)
+    remove_results(results, ChainRecord.FILE, *RESULT_FILES)
     child = in_child(partial(_run_stages, campaign_dir, results, name, dataset, source, settings))
     outcome = dict(child.sent)
     stage, folders = outcome.pop("stage", "import"), outcome.pop("folders", ())

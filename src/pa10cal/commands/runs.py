@@ -66,7 +66,7 @@ def run(
         pa10cal run after-the-crash --prior results/march/mine
     """
     # Everything that a folder can be refused for is checked before anything heavy is imported.
-    from pa10cal.planning.campaign import refuse_among_raw_files
+    from pa10cal.planning.campaign import refuse_among_raw_files, refuse_files_of_others
 
     _refuse_without_group(folders, group)
     folders = tuple(Path(os.path.normpath(folder.absolute())) for folder in folders)
@@ -92,6 +92,7 @@ def run(
     from pa10cal.results.outcomes import ChainRecord
 
     with run_lock(out, [name]) as work, closing(RunDisplay(lines=False)) as display:
+        refuse_files_of_others(out / name)
         raw_dir = work / "raw_dirs" / name
         workflow = running.Workflow(
             file="workflow/run.smk",

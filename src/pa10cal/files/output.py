@@ -94,6 +94,11 @@ def _partial_name(name: str) -> str:
     return f".{os.getpid()}.partial.{name}"
 
 
+def is_partial(path: Path) -> bool:
+    """Return whether a path is that of an output that some process writes, or left half-written."""
+    return _PARTIAL_NAME.fullmatch(path.name) is not None
+
+
 def _is_partial_of(name: str, output: str) -> bool:
     """Return whether a name is one under which some process writes an output of that name."""
     partial = _PARTIAL_NAME.fullmatch(name)
@@ -166,7 +171,7 @@ def remove_partials(folder: Path) -> None:
     """Remove the partial outputs of killed processes below a folder, not those of living ones."""
     for place, _, names in os.walk(folder):
         for name in names:
-            if _PARTIAL_NAME.fullmatch(name):
+            if is_partial(Path(name)):
                 _remove_of_dead(Path(place, name))
 
 

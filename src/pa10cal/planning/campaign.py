@@ -1,8 +1,8 @@
 """What planning has to know of a campaign, read leniently.
 
 Content that cannot be read gives empty answers, so that the command is planned all the same and
-refuses it, by file, line and remedy. `missing_campaign`, `check_prior`, `refuse_among_raw_files`
-and `group_like_campaign` are the refusals of planning itself.
+refuses it, by file, line and remedy. `missing_campaign`, `check_prior`, `group_like_campaign` and
+the functions that begin with `refuse` are the refusals of planning itself.
 
 Results of another campaign, as a prior is, are no input of a rule: Snakemake would make them anew,
 with the settings of this run. They are read as they are, and what they contain is a parameter.
@@ -11,6 +11,7 @@ with the settings of this run. They are read as they are, and what they contain 
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Iterable
 from contextlib import suppress
 from functools import lru_cache
@@ -19,11 +20,33 @@ from typing import Any
 
 from pa10cal.errors import OutputError, RawDataError, SettingsError, fits_a_folder
 from pa10cal.files import own_description
+from pa10cal.files.output import is_partial
 from pa10cal.input_files import is_file, names_beside, open_file
 from pa10cal.running.run_lock import refuse_at_work
 from pa10cal.yaml_file import read_yaml
 
 _BLOCK_BYTES = 1 << 20
+#: A record states its schema within so many bytes.
+_SCHEMA_BYTES = 100
+_OF_CALIBRATION = ("*.json",)
+_OF_READINGS = ("poses.parquet", "quarantine.csv")
+#: Folders that a run makes, and removes, among the results of a campaign, and patterns of the files
+#: in them; `members` is that of a group, whose `ingest` holds its description and that of its arm.
+RESULT_FILES = {
+    "members": (*_OF_READINGS, "base_frame.json"),
+    "ingest": (*_OF_READINGS, "*.yaml", "*.urdf", "*.xacro", "*.xml"),
+    "seed": ("base_frame.json",),
+    "baseline": _OF_CALIBRATION,
+    "calibration": _OF_CALIBRATION,
+    "discovery": ("*.json", "extended.covariance.npz", "suggested_poses.csv"),
+    "evaluation": ("*.json",),
+    "model": (
+        *("model.yaml", "model.covariance.npz", "robot*.urdf", "dh*.csv"),
+        *("ur_kinematics.yaml", "ur_calibration.conf"),
+    ),
+}
+#: Folders of pictures and tables, which are drawn anew.
+DRAWN_FOLDERS = ("figures", "tables")
 
 
 def raw_files(folder: Path) -> list[Path]:
@@ -92,8 +115,10 @@ def refuse_among_raw_files(results: Path, folder: Path, option: str, given: Path
     """Refuse results that would be written into a folder of raw files, or be that folder.
 
     Raises:
-        OutputError: naming the option that states them, and what it was given.
+        OutputError: naming the option that states them, and what it was given; also where a run
+            would remove the raw files.
     """
+    refuse_removed(results, folder, option, given)
     if folder in (results, *results.parents):
         raise OutputError(
             "the results would be written among the raw files",
@@ -102,6 +127,60 @@ def refuse_among_raw_files(results: Path, folder: Path, option: str, given: Path
             allowed="a folder that neither is nor lies in the folder of raw files",
             remedy="give another one",
         )
+
+
+def refuse_removed(results: Path, folder: Path, option: str, given: Path) -> None:
+    """Refuse results of which a run removes a folder that is, or holds, a folder of raw files.
+
+    Raises:
+        OutputError: naming the option that states them, and what it was given.
+    """
+    for name in (*RESULT_FILES, *DRAWN_FOLDERS):
+        made = {results / name, results.resolve() / name}
+        if made.intersection(
+            (folder, *folder.parents, folder.resolve(), *folder.resolve().parents)
+        ):
+            raise OutputError(
+                f"the raw files lie in the folder {name} of the results, which a run makes anew",
+                where=option,
+                value=str(given),
+                allowed=f"a folder in which {folder} does not lie",
+                remedy="give another one",
+            )
+
+
+def refuse_files_of_others(results: Path) -> None:
+    """Refuse results whose folders, which a run removes, hold files that no run made.
+
+    Files of a run are known by their names, and by a record or table of readings among them.
+
+    Raises:
+        OutputError: naming one of the files.
+    """
+    places = {"chain.json": _OF_CALIBRATION, **RESULT_FILES}
+    files = [
+        (path, any(map(path.match, patterns)) and (path.suffix != ".json" or _shows_a_run(path)))
+        for name, patterns in places.items()
+        for path in (results / name, *sorted((results / name).rglob("*")))
+        if os.path.lexists(path) and not path.is_dir() and not is_partial(path)
+    ]
+    made = any(known and _shows_a_run(path) for path, known in files)
+    other = next((path for path, known in files if not (known and made)), None)
+    if other is not None:
+        raise OutputError(
+            "a file that no run made lies where results are written, and would be removed",
+            where=str(other),
+            allowed="results of runs alone in the folders that runs make",
+            remedy="give another folder of results, or move the file elsewhere",
+        )
+
+
+def _shows_a_run(path: Path) -> bool:
+    """Return whether a file is one that only a run makes: a record or the table of readings."""
+    if path.name == "poses.parquet" or not is_file(path):
+        return path.name == "poses.parquet"
+    with open_file(path) as file:
+        return b'"schema": "pa10cal-' in file.read(_SCHEMA_BYTES)
 
 
 def prior_digest(prior: str | None) -> str:
