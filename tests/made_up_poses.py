@@ -57,9 +57,6 @@ def states_of(arm, seed=3, poses=5, **known) -> PoseStates:
         "move_share": np.linspace(-1.0, 1.0, poses * n).reshape(poses, n),
         "move_end_m": np.linspace(0.1, 1.2, poses),
         "static_loads": StaticLoads(
-            link_N=np.linspace(-200.0, 200.0, poses * n * 3).reshape(poses, n, 3),
-            link_Nm=rng.uniform(-60.0, 60.0, (poses, n, 3)),
-            base_Nm=rng.uniform(-100.0, 100.0, (poses, 3)),
             joint_Nm=rng.uniform(-60.0, 60.0, (poses, n)),
             down_ee=down / np.linalg.norm(down, axis=1, keepdims=True),
             by_weights=rng.normal(size=(poses, n, 4 * n + 3)),

@@ -8,6 +8,7 @@ linear in mass and first moment of every link; the coefficients are the derivati
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,11 +80,6 @@ class CarriedWeights:
 class StaticLoads:
     """Loads of joints and structure by weights in P poses."""
 
-    # (P, n, 3) moment that each link carries at its far end, where the next joint turns, along the
-    # axes of that end (zero for the last link)
-    link_Nm: Array
-    link_N: Array  # (P, n, 3) force that it carries there, along the same axes (zero for the last)
-    base_Nm: Array  # (P, 3) overturning moment about the base's origin, along base axes
     # (P, n) torques with which the drives of the joints hold links, apparatus and load; forces [N]
     # where they slide. Where no drive moves another joint they are those of the joints themselves,
     # see `Coupling.at_drives`
@@ -94,7 +90,25 @@ class StaticLoads:
     # of gravity about two axes normal to it
     by_weights: Array
     by_load: Array  # (P, n) derivative of `joint_Nm` by the external load [N m/N]
-    carried: CarriedWeights  # the weights that make these loads
+    carried: CarriedWeights  # the weights that make the loads of links and base
+
+    @cached_property
+    def link_Nm(self) -> Array:
+        """Return the moment that each link carries at its far end, (P, n, 3).
+
+        That is where the next joint turns; along the axes of that end. Zero for the last link.
+        """
+        return self.carried.moments_at_ends_Nm()
+
+    @cached_property
+    def link_N(self) -> Array:
+        """Return the force that it carries there, along the same axes, (P, n, 3)."""
+        return self.carried.forces_at_ends_N()
+
+    @cached_property
+    def base_Nm(self) -> Array:
+        """Return the overturning moment about the base's origin, along base axes, (P, 3)."""
+        return self.carried.overturning_Nm()
 
     def with_weights(self, amounts: Array) -> StaticLoads:
         """Return the loads of links and base with weights changed by amounts (4 n + 3,).
@@ -102,14 +116,7 @@ class StaticLoads:
         Amounts are ordered as the columns of `by_weights`. `joint_Nm` is not changed: the term
         `Weights` adds the change of torques.
         """
-        carried = self.carried.with_weights(amounts)
-        return replace(
-            self,
-            link_Nm=carried.moments_at_ends_Nm(),
-            link_N=carried.forces_at_ends_N(),
-            base_Nm=carried.overturning_Nm(),
-            carried=carried,
-        )
+        return replace(self, carried=self.carried.with_weights(amounts))
 
     def by_masses(self) -> Array:
         """Return the derivative (P, n, 4 n) of `joint_Nm` by mass m and first moment m c of links.
@@ -282,9 +289,6 @@ def statics(chain: Chain, coordinates: Array, load_N: Array, payload: Payload) -
     by_weights = np.concatenate([by_links, by_apparatus[..., None], by_level], axis=2)
     at_drives = chain.arm.coupling.at_drives
     return StaticLoads(
-        link_Nm=carried.moments_at_ends_Nm(),
-        link_N=carried.forces_at_ends_N(),
-        base_Nm=carried.overturning_Nm(),
         joint_Nm=at_drives(joint_Nm),
         down_ee=(gravity / g) @ at.T_base_ee[:, :3, :3],
         by_weights=at_drives(by_weights),

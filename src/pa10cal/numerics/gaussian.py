@@ -17,7 +17,7 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import cho_solve, solve_triangular
 from scipy.linalg.blas import dtrsm
-from scipy.linalg.lapack import dpotri
+from scipy.linalg.lapack import dpotrf, dpotri
 
 from pa10cal.arrays import Array, Index
 
@@ -155,7 +155,8 @@ class Gaussian:
 
     def taken_of(self, across: Array) -> Array:
         """Return (G + I)^-1 times right sides (k, m), such as A^T B: what x absorbs of B."""
-        return np.asarray(cho_solve((self.lower, True), across, check_finite=False))
+        # As an upper factor in Fortran's order, which LAPACK takes without a copy.
+        return np.asarray(cho_solve((self.lower.T, False), across, check_finite=False))
 
     @cached_property
     def mean(self) -> Array:
@@ -376,13 +377,15 @@ def _factor(gram: Array) -> Array:
     Where columns are nearly equal and far above the noise, rounding may leave G + I indefinite;
     then negative eigenvalues of G count as zero.
     """
-    try:
-        return np.asarray(np.linalg.cholesky(gram + np.eye(len(gram))), dtype=np.float64)
-    except np.linalg.LinAlgError:
+    normal = np.array(gram, order="C")
+    normal.flat[:: len(gram) + 1] += 1.0
+    upper, failed = dpotrf(normal.T, overwrite_a=1)  # in place, by its other half
+    if failed:
         values, vectors = np.linalg.eigh(gram)
         root = np.sqrt(1.0 + np.maximum(values, 0.0))[:, None] * vectors.T
         upper = np.linalg.qr(root, mode="r")
-        return np.asarray((upper * np.sign(np.diag(upper))[:, None]).T, dtype=np.float64)
+        upper = upper * np.sign(np.diag(upper))[:, None]
+    return np.asarray(upper.T, dtype=np.float64)
 
 
 def _forward(lower: Array, right: Array) -> Array:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -17,12 +18,13 @@ from pa10cal.arrays import Array, rms
 from pa10cal.discovery import jacobians
 from pa10cal.discovery.blocked_cv.effect_set import as_good, surely_helps, surely_worse
 from pa10cal.discovery.blocked_cv.judge import BlockPrediction, Judged, prediction
+from pa10cal.discovery.blocked_cv.normal_equations import summed
 from pa10cal.discovery.blocked_cv.refit import Refit
 from pa10cal.discovery.blocked_cv.survey import Survey, interleaved_blocks
 from pa10cal.discovery.position_errors import position_error_mm
 from pa10cal.discovery.preparation import computable, sought
 from pa10cal.discovery.rules import BLOCKS, EVIDENCE, PROBABILITIES
-from pa10cal.numerics.gaussian import Gaussian, cv_residual
+from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.time_order import like_a_scan
 from pa10cal.results.record import EffectName
 from pa10cal.terms.effects.arrivals import ArrivalError
@@ -46,6 +48,26 @@ class SquaresByBlock:
         return np.asarray(self.by_kind.sum(axis=0))
 
 
+@dataclass(frozen=True, eq=False)
+class _Fold:
+    """The R whitened rows of one fold of poses."""
+
+    model: Array  # (R, k) columns of the model, and of a lag
+    added: Array  # (R, m + 1) columns of effects that are added, then the data
+    gram: Array  # (k, k) products of the columns of the model
+
+    @cached_property
+    def equations(self) -> Gaussian:
+        """Return the normal equations in the columns of the model, then of the effects."""
+        across = self.model.T @ self.added
+        return Gaussian(np.block([[self.gram, across], [across.T, self.added.T @ self.added]]))
+
+    def residual(self, x: Array) -> Array:
+        """Return the residual (R,) at amounts (k + m,) of model and effects."""
+        of_model, of_added = np.split(x, [self.model.shape[1]])
+        return self.added[:, -1] - self.model @ of_model - self.added[:, :-1] @ of_added
+
+
 class InterleavedCheck:
     """Ten interleaved folds of poses, each predicted from the others, about a fitted model.
 
@@ -61,9 +83,8 @@ class InterleavedCheck:
         self._fold = interleaved_blocks(len(survey.poses))
         self._whiteners = fit.weights.whiteners()
         self._measured_minus_predicted = -survey.net_residual(fit.at)
-        terms = fit.model.terms
-        own = [each for each in terms if not (is_error_map(each) or each.id == BaseDrift.id)]
-        self._own_columns = jacobians.by_scaled_terms(fit.at, survey.poses, own, self._whiteners)
+        #: Columns (R, k) of effects that were tried, in each fold.
+        self._columns_of: dict[Effect, list[Array]] = {}
 
     def squares(self, effects: Sequence[Effect] = (), *, lag: bool = True) -> SquaresByBlock:
         """Return the squares of left-out poses with effects added to the model.
@@ -84,8 +105,8 @@ class InterleavedCheck:
 
     def amounts(self, effect: Effect, beside: Sequence[Effect] = ()) -> Array:
         """Return the amounts of an effect that is added to the model, in plausible sizes, (k,)."""
-        data, columns = self._rows([*beside, effect])
-        return Gaussian.of(columns, data).mean[-effect.linear :]
+        folds = self._folds([*beside, effect], lag=True)
+        return summed([fold.equations for fold in folds]).mean[-effect.linear :]
 
     def nats(self, chosen: SquaresByBlock, instead: SquaresByBlock) -> Array:
         """Return the log score of something in the place of what was chosen, of every block."""
@@ -95,23 +116,61 @@ class InterleavedCheck:
 
     def _left_out_residuals(self, effects: Sequence[Effect], *, lag: bool) -> Array:
         """Return the whitened residuals (P, b) of poses that are left out of the fit."""
-        shape = self._measured_minus_predicted.shape
-        data, columns = self._rows(effects, lag=lag)
-        return cv_residual(data, columns, np.repeat(self._fold, shape[1])).reshape(shape)
+        folds = self._folds(effects, lag=lag)
+        total = summed([fold.equations for fold in folds])
+        residual = np.empty_like(self._measured_minus_predicted)
+        for number, fold in enumerate(folds):
+            left_out = fold.residual((total - fold.equations).mean)
+            residual[self._fold == number] = left_out.reshape(-1, residual.shape[1])
+        return residual
 
-    def _rows(self, effects: Sequence[Effect], *, lag: bool = True) -> tuple[Array, Array]:
-        """Return the whitened rows (R,), and their columns (R, k) of model, lag, then effects."""
-        data, poses, of_lag = self._measured_minus_predicted, self._survey.poses, self._survey.lag
-        at, starts = self._operating_point, [effect.starts[0] for effect in effects]
-        added = jacobians.by_scaled_effects(at, poses, effects, starts, self._whiteners)
-        own = list(self._own_columns)
-        # A lag is fitted again in each fold; without one, what the survey subtracted is put back.
-        if of_lag is not None and lag:
-            own.append(self._whiteners @ of_lag.columns(at, poses))
-        elif of_lag is not None and of_lag.amounts is not None:
-            data = data + of_lag.shift(self._survey.baseline, poses)
-        columns = np.concatenate([*own, *added], axis=2).reshape(data.size, -1)
-        return (self._whiteners @ data[:, :, None]).ravel(), columns
+    def _folds(self, effects: Sequence[Effect], *, lag: bool) -> list[_Fold]:
+        """Return the rows of each fold, with effects added, and with a lag if the survey has one.
+
+        A lag is fitted again in each fold; without one, what the survey subtracted is put back.
+        """
+        data, of_lag = self._measured_minus_predicted, self._survey.lag
+        count = self._model_columns[0].shape[1]
+        if of_lag is not None and not lag:
+            count -= len(of_lag.sizes)
+            if of_lag.amounts is not None:
+                data = data + of_lag.shift(self._survey.baseline, self._survey.poses)
+        parts = [*map(self._columns, effects), self._by_fold(self._whiteners @ data[:, :, None])]
+        of_folds = zip(self._model_columns, self._model_gram, *parts, strict=True)
+        return [
+            _Fold(model[:, :count], np.concatenate(added, axis=1), gram[:count, :count])
+            for model, gram, *added in of_folds
+        ]
+
+    @cached_property
+    def _model_columns(self) -> list[Array]:
+        """Return the columns (R, k) of the model's own parameters, then of a lag, in each fold."""
+        at, terms = self._operating_point, self._operating_point.model.terms
+        own = [each for each in terms if not (is_error_map(each) or each.id == BaseDrift.id)]
+        poses, of_lag = self._survey.poses, self._survey.lag
+        columns = jacobians.by_scaled_terms(at, poses, own, self._whiteners)
+        if of_lag is not None:
+            columns.append(self._whiteners @ of_lag.columns(at, poses))
+        return self._by_fold(np.concatenate(columns, axis=2))
+
+    @cached_property
+    def _model_gram(self) -> list[Array]:
+        """Return the products of these columns in each fold, (k, k)."""
+        return [columns.T @ columns for columns in self._model_columns]
+
+    def _columns(self, effect: Effect) -> list[Array]:
+        """Return the columns (R, k) of an effect at its first start, in each fold."""
+        if effect not in self._columns_of:
+            at, poses = self._operating_point, self._survey.poses
+            starts = [effect.starts[0]]
+            found = jacobians.by_scaled_effects(at, poses, [effect], starts, self._whiteners)
+            self._columns_of[effect] = self._by_fold(found[0])
+        return self._columns_of[effect]
+
+    def _by_fold(self, columns: Array) -> list[Array]:
+        """Return columns (P, b, k) as the rows (R, k) of each fold."""
+        folds = range(BLOCKS.blocks)
+        return [columns[self._fold == k].reshape(-1, columns.shape[2]) for k in folds]
 
     def gains_a_share(self, before: SquaresByBlock, after: SquaresByBlock) -> bool:
         """Return whether left-out poses are predicted enough better, as the search requires.

@@ -17,7 +17,7 @@ from scipy.linalg import block_diag
 from pa10cal.arrays import Array, Index
 from pa10cal.discovery.blocked_cv.block_rows import BlockedRows, ShapedEffect
 from pa10cal.discovery.blocked_cv.effect_set import as_good
-from pa10cal.discovery.blocked_cv.normal_equations import solve, summed
+from pa10cal.discovery.blocked_cv.normal_equations import inverse, solve, summed
 from pa10cal.discovery.blocked_cv.survey import Survey
 from pa10cal.discovery.position_errors import position_error_mm
 from pa10cal.discovery.preparation import why_few_angles
@@ -121,7 +121,7 @@ def held_out(rows: BlockedRows, fit: LinearFit) -> HeldOut:
     for block in range(BLOCKS.blocks):
         own = rows.equations_by_kind(block, joints, knots)
         others = fit.equations - own.total
-        covariance = solve(others.gram, np.eye(others.unknowns), fit.prior)
+        covariance = inverse(others.gram + fit.prior, fit.prior)
         squares_of_estimates += float(np.sum(covariance * own.positions.gram))
         x, design = covariance @ others.projection, rows.design(block)
         maps = design.maps(knots, [rows.joints.index(joint) for joint in joints])

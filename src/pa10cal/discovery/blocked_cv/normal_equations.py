@@ -13,7 +13,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import LinAlgError, cho_factor, cho_solve
+from scipy.linalg.lapack import dposv, dpotrf, dpotri
 from scipy.sparse import csr_array
 
 from pa10cal.arrays import Array
@@ -169,12 +169,28 @@ def solve(gram: Array, projection: Array, prior: Array) -> Array:
     """
     normal = gram + prior
     scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), np.diag(prior)))
-    scaled = (projection.T * scale).T
-    try:
-        factor = cho_factor(normal * np.outer(scale, scale), check_finite=False)
-    except LinAlgError:
-        return no_wider_than(normal, prior) @ projection
-    return np.asarray((cho_solve(factor, scaled, check_finite=False).T * scale).T)
+    normal *= scale
+    normal *= scale[:, None]
+    _, solved, failed = dposv(normal.T, (projection.T * scale).T, overwrite_a=1)
+    if failed:
+        return no_wider_than(gram + prior, prior) @ projection
+    return np.asarray((solved.T * scale).T)
+
+
+def inverse(normal: Array, prior: Array) -> Array:
+    """Return the inverse (k, k) of normal equations that contain the prior precision (k, k)."""
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), np.diag(prior)))
+    scaled = normal * scale
+    scaled *= scale[:, None]
+    factor, failed = dpotrf(scaled.T, overwrite_a=1)
+    if failed:
+        return no_wider_than(normal, prior)
+    upper, _ = dpotri(factor, overwrite_c=1)  # zero below its diagonal
+    upper *= scale
+    upper *= scale[:, None]
+    found = upper + upper.T
+    found.flat[:: len(scale) + 1] *= 0.5
+    return np.asarray(found)
 
 
 def solve_each(gram: Array, projection: Array, precision: Array) -> Array:
@@ -195,7 +211,8 @@ def solve_each(gram: Array, projection: Array, precision: Array) -> Array:
 
 def inverse_of(gram: Array, sizes: Array) -> Array:
     """Return the covariance (k, k) of unknowns with standard deviations `sizes` (k,) expected."""
-    return solve(gram, np.eye(len(sizes)), np.diag(sizes**-2.0))
+    prior = np.diag(sizes**-2.0)
+    return inverse(gram + prior, prior)
 
 
 def no_wider_than(normal: Array, prior: Array) -> Array:

@@ -13,14 +13,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import block_diag
-from scipy.linalg.lapack import dpotrf, dpotri
 
 from pa10cal.arrays import Array, Index, Mask
 from pa10cal.discovery import jacobians
 from pa10cal.discovery.blocked_cv.normal_equations import (
     in_map_bases,
+    inverse,
     map_columns,
-    no_wider_than,
     normal_equations_of,
 )
 from pa10cal.discovery.blocked_cv.survey import Survey
@@ -302,14 +301,7 @@ def inverse_of_free(normal: Array, prior: Array, free: Mask) -> Array:
     free = free & (np.diag(normal) > 0.0)
     at = np.ix_(free, free)
     found = np.zeros_like(normal)
-    scale = 1.0 / np.sqrt(np.diag(normal)[free])
-    factor, failed = dpotrf((normal[at] * np.outer(scale, scale)).T, overwrite_a=1)
-    if failed:
-        found[at] = no_wider_than(normal[at], prior[at])
-        return found
-    upper, _ = dpotri(factor, overwrite_c=1)  # zero below its diagonal
-    upper *= np.outer(scale, scale)
-    found[at] = upper + upper.T - np.diag(np.diag(upper))
+    found[at] = inverse(normal[at], prior[at])
     return found
 
 
