@@ -45,14 +45,17 @@ class CarriedWeights:
         n = self.mass_kg.shape[1]
         of_links = amounts[: 4 * n].reshape(n, 4)
         apparatus_kg, *level = amounts[4 * n :]
-        mass_kg = of_links[None, :, 0].copy()
-        mass_kg[:, -1] += apparatus_kg
-        moment_kg_m = np.einsum("pjkc,jk->pjc", self.by_link, of_links)
-        moment_kg_m[:, -1] += apparatus_kg * self.by_apparatus
+        mass_kg, moment_kg_m = self.mass_kg + apparatus_kg, self.moment_kg_m.copy()
+        if apparatus_kg:
+            moment_kg_m += apparatus_kg * self.by_apparatus[:, None]
+        for link in np.flatnonzero(of_links.any(axis=1)):  # each link before it carries it too
+            mass_kg[:, : link + 1] += of_links[link, 0]
+            more_kg_m = np.einsum("pkc,k->pc", self.by_link[:, link], of_links[link])
+            moment_kg_m[:, : link + 1] += more_kg_m[:, None]
         return replace(
             self,
-            mass_kg=self.mass_kg + _with_all_beyond(mass_kg),
-            moment_kg_m=self.moment_kg_m + _with_all_beyond(moment_kg_m),
+            mass_kg=mass_kg,
+            moment_kg_m=moment_kg_m,
             gravity_m_s2=self.gravity_m_s2 + np.array(level) @ self.by_level,
         )
 

@@ -11,14 +11,17 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from scipy.optimize import minimize_scalar
+from scipy.sparse import csr_array
 
 from pa10cal.arm.description import weights_known
 from pa10cal.arm.statics import Payload, PoseStates
 from pa10cal.arrays import Array
 from pa10cal.discovery import jacobians
+from pa10cal.discovery.blocked_cv.normal_equations import map_columns, normal_equations_of
 from pa10cal.discovery.in_time import by_pose_and_time
 from pa10cal.discovery.jacobians import WhitenedPoses
 from pa10cal.discovery.preparation import sought
@@ -27,6 +30,7 @@ from pa10cal.discovery.together import heavier
 from pa10cal.fit.problem import possible_sizes
 from pa10cal.fit.uncertain_weights import weight_sizes
 from pa10cal.numerics.gaussian import Gaussian, Gaussians
+from pa10cal.numerics.periodic_spline import b_splines_by_knots
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.time_order import may_show_changes, spread_over_time
 from pa10cal.rules import ORDER
@@ -40,27 +44,82 @@ from pa10cal.terms.forms.catalogue import all_around
 
 @dataclass(frozen=True, eq=False)
 class _Rivals:
-    """Everything beside which candidates have to gain log evidence."""
+    """Everything beside which candidates have to gain log evidence.
 
-    columns: Array  # (P, b, n) whitened, each in its expected size
+    Maps of the model may be kept as the derivative by the angles of their joints, since a pose
+    touches four of a map's hundreds of columns. They stand last, in knots of the expected size.
+    """
+
+    columns: Array  # (P, b, d) whitened, each in its expected size; of all but such maps
     data: Array  # (P, b) whitened, measured less predicted
+    by_angle: Array  # (P, b, m) whitened derivative by the angle of each map
+    q_rad: Array  # (P, m) these angles
+    bases: tuple[Array, ...]  # (K, K) coefficients of the B-splines of each map, by its knots
+
+    @classmethod
+    def of(cls, rows: WhitenedPoses, *others: Array) -> _Rivals:
+        """Return a model's terms and targets, and other whitened columns (P, b, k)."""
+        at, poses, sizes = rows.at, rows.poses, possible_sizes(rows.at.model)
+        maps = [term for term in at.model.terms if is_error_map(term)]
+        terms = [term for term in at.model.terms if not is_error_map(term)]
+        own = jacobians.by_scaled_terms(at, poses, terms, rows.whitener)
+        return cls(
+            np.concatenate([*own, rows.by_targets, *others], axis=2),
+            rows.data,
+            rows.whitener @ jacobians.by_joints(at, poses, [term.joint for term in maps]),
+            poses.states.q_rad[:, [term.joint - 1 for term in maps]],
+            tuple(b_splines_by_knots(m.knots) * sizes[at.model.columns_of(m)] for m in maps),
+        )
+
+    @classmethod
+    def dense(cls, columns: Array, data: Array) -> _Rivals:
+        """Return rivals without such maps."""
+        return cls(columns, data, columns[:, :, :0], np.zeros((len(data), 0)), ())
+
+    def without_maps(self, rows: WhitenedPoses) -> _Rivals:
+        """Return the rivals without the maps; what these predict is in the data then."""
+        states, values_of, data = rows.poses.states, rows.at.values_of, self.data.copy()
+        maps = [term for term in rows.at.model.terms if is_error_map(term)]
+        for term, by_angle in zip(maps, np.moveaxis(self.by_angle, 2, 0), strict=True):
+            data += by_angle * term.shift(states, values_of(term))
+        return _Rivals.dense(self.columns, data)
 
     @cached_property
     def equations(self) -> Gaussian:
         """Return the normal equations of the columns."""
-        return Gaussian.of(self.columns, self.data)
+        columns, data = self.columns.reshape(-1, self.columns.shape[2]), self.data.ravel()
+        return normal_equations_of(data, columns, self._by_splines(self.by_angle), self.bases)
 
     @property
     def seen(self) -> int:
         """Return the number of components that were measured; all others are zero."""
         return int(np.count_nonzero(self.data))
 
+    def beside(self, column: Array) -> tuple[Array, csr_array]:
+        """Return products with a column (P, b), pose by pose: (P, d), and with all B-splines."""
+        of_maps = np.einsum("pbm,pb->pm", self.by_angle, column)[:, None]
+        return np.einsum("pbn,pb->pn", self.columns, column), self._by_splines(of_maps)
+
+    def across(self, dense: Array, splines: csr_array, right: Array) -> Array:
+        """Return products (n, t) with right sides (R, t), by rows of `columns` and B-splines."""
+        of_splines = splines.T @ right
+        stops = np.cumsum([0, *(len(basis) for basis in self.bases)])
+        of_maps = zip(self.bases, pairwise(stops), strict=True)
+        turned = [basis.T @ of_splines[first:last] for basis, (first, last) in of_maps]
+        return np.concatenate([dense.T @ right, *turned])
+
     def with_each(self, candidates: Array) -> Gaussians:
         """Return the equations of each of K candidates, by whitened columns (P, b, K, k)."""
-        across = np.einsum("pbn,pbki->nki", self.columns, candidates, optimize=True)
+        right, columns = candidates.reshape(self.data.size, -1), self.columns
+        dense, splines = columns.reshape(len(right), -1), self._by_splines(self.by_angle)
+        across = self.across(dense, splines, right).reshape(-1, *candidates.shape[2:])
         gram = np.einsum("pbki,pbkj->kij", candidates, candidates, optimize=True)
         projection = np.einsum("pbki,pb->ki", candidates, self.data, optimize=True)
         return self.equations.of_each_further(across, gram, projection)
+
+    def _by_splines(self, by_angle: Array) -> csr_array:
+        """Return derivatives (P, b, m) by the angles of maps as those by B-splines, (P b, K)."""
+        return map_columns(by_angle, self.q_rad, [len(basis) for basis in self.bases])
 
 
 # Lines of gears: periodic errors of joints as often a turn as a gear ratio that nobody stated. No
@@ -88,7 +147,7 @@ def gear_lines(
             fewer cycles. Fine ones follow those.
     """
     rows = rows.at_most(LINES.most_poses)
-    at, poses, arm = rows.at, rows.poses, rows.at.arm
+    poses, arm = rows.poses, rows.at.arm
     joints = [
         joint
         for joint in (arm.coupling.own[~arm.axes_slide] + 1).tolist()
@@ -96,26 +155,21 @@ def gear_lines(
     ]
     if not joints:
         return ()
-    terms, sizes, data = at.model.terms, possible_sizes(at.model), rows.data
-    of_terms = jacobians.by_scaled_terms(at, poses, terms, rows.whitener)
-    own = dict(zip(terms, of_terms, strict=True))
-    beside_maps = _lines(rows, joints, [*own.values(), rows.by_targets], data, error_rate)
-    maps = [term for term in own if is_error_map(term)]
-    for term in maps:  # a map may follow a line, which is then in the residual without maps
-        amounts = at.values_of(term) / sizes[at.model.columns_of(term)]
-        data = data + own.pop(term) @ amounts
-    rivals = [*own.values(), rows.by_targets]
-    # What a map cannot follow of a line looks like another line beside it.
+    rivals = _Rivals.of(rows)
+    beside_maps = _lines(rows, joints, rivals, error_rate)
+    # A map may follow a line, which is then in the residual without maps. What a map cannot follow
+    # of a line looks like another line beside it.
+    maps = [term for term in rows.at.model.terms if is_error_map(term)]
     mapped = [term.joint for term in maps if term.joint in joints]
-    times = LINES.of_map_times
+    rivals, times = rivals.without_maps(rows), LINES.of_map_times
     instead: tuple[GearLine, ...] = ()
     if in_maps and mapped:
-        instead = _lines(rows, mapped, rivals, data, error_rate, times, in_maps=True)
+        instead = _lines(rows, mapped, rivals, error_rate, times, in_maps=True)
     taken = {line.of for line in instead}
     found = (*instead, *(line for line in beside_maps if line.of not in taken))
     if found or not maps:
         return found
-    return _lines(rows, joints, rivals, data, error_rate, times)
+    return _lines(rows, joints, rivals, error_rate, times)
 
 
 def _angles(poses: Observations, joint: int) -> int:
@@ -126,25 +180,22 @@ def _angles(poses: Observations, joint: int) -> int:
 def _lines(
     rows: WhitenedPoses,
     joints: Sequence[int],
-    own: Sequence[Array],
-    data: Array,
+    rivals: _Rivals,
     error_rate: float,
     times: float = 1.0,
     *,
     in_maps: bool = False,
 ) -> tuple[GearLine, ...]:
-    """Return the lines of joints in whitened data (P, b), beside own columns (P, b, k).
+    """Return the lines of joints in a residual.
 
     Args:
         rows: the poses about the model.
         joints: where lines are sought.
-        own: columns of the model.
-        data: whitened residual.
+        rivals: columns of the model, and the residual.
         error_rate: probability allowed of finding a line where there is none.
         times: how many times as much as any other the best order has to gain.
         in_maps: whether lines stand in place of maps, so that orders that maps follow count too.
     """
-    rivals = _Rivals(np.concatenate(own, axis=2), data)
     by_joint = rows.whitener @ jacobians.by_joints(rows.at, rows.poses, joints)
     q_rad = rows.poses.states.q_rad
     spectra = [
@@ -169,7 +220,7 @@ class _Periodogram:
 
     q_rad: Array  # (P,) the joint's angles
     rivals: _Rivals
-    rivals_by_joint: Array  # (P, n) products of the rivals with the joint's column, pose by pose
+    by_joint: tuple[Array, csr_array]  # products of the rivals with the joint's column, by pose
     squares: Array  # (P,) squares of the joint's column
     data_by_joint: Array  # (P,) products of the joint's column with the data
     lowest: float  # order from which on a line is sought [cycles a turn]
@@ -180,7 +231,7 @@ class _Periodogram:
         return cls(
             q_rad=q_rad,
             rivals=rivals,
-            rivals_by_joint=np.einsum("pbn,pb->pn", rivals.columns, by_joint),
+            by_joint=rivals.beside(by_joint),
             squares=np.sum(by_joint**2, axis=1),
             data_by_joint=np.sum(by_joint * rivals.data, axis=1),
             lowest=lowest,
@@ -225,10 +276,10 @@ class _Periodogram:
         """Return the gain of log evidence by a line of each of K orders, scatter profiled, (K,)."""
         phase = self.q_rad[:, None] * orders
         waves = LINES.size_rad * np.stack([np.sin(phase), np.cos(phase)], axis=-1)  # (P, K, 2)
-        across = (self.rivals_by_joint.T @ waves.reshape(len(phase), -1)).reshape(
-            -1, len(orders), 2
-        )
-        gram = np.einsum("pki,p,pkj->kij", waves, self.squares, waves)
+        across = self.rivals.across(*self.by_joint, waves.reshape(len(phase), -1))
+        across = across.reshape(-1, len(orders), 2)
+        weighted = (waves * self.squares[:, None, None]).transpose(1, 2, 0)
+        gram = weighted @ waves.transpose(1, 0, 2)
         projection = np.tensordot(self.data_by_joint, waves, axes=1)
         further = self.rivals.equations.of_each_further(across, gram, projection)
         return np.asarray(further.gains(self.rivals.seen)[0] / PROBABILITIES.blocks)
@@ -286,11 +337,9 @@ def wobbles(
         return ()
     rows = replace(rows, at=rows.at.with_bends(range(1, rows.at.arm.n)))
     at, poses, whiten = rows.at, rows.poses, rows.whitener
-    own = jacobians.by_scaled_terms(at, poses, at.model.terms, whiten)
-    columns = [*own, rows.by_targets, *_giving_way(rows, context, payload)]
+    rivals = _Rivals.of(rows, *_giving_way(rows, context, payload))
     starts = [wobble.starts[0] for wobble in tried]
     tilts = np.stack(jacobians.by_scaled_effects(at, poses, tried, starts, whiten), axis=2)
-    rivals = _Rivals(np.concatenate(columns, axis=2), rows.data)
     gains = rivals.with_each(tilts).gains(rivals.seen)[0] / PROBABILITIES.blocks
     best, *others = np.argsort(-gains).tolist()
     needed = float(np.log(len(tried) / error_rate))
@@ -389,7 +438,7 @@ def _poses_and_drifts(rows: WhitenedPoses, context: CandidateContext, *, logged:
         MOTION.targets_m * rows.by_targets,
         *(whiten @ each for each in smooth),
     ]
-    return _Rivals(np.concatenate(columns, axis=2), rows.data)
+    return _Rivals.dense(np.concatenate(columns, axis=2), rows.data)
 
 
 def _gains_at_best_size(rivals: _Rivals, candidates: Array) -> Array:

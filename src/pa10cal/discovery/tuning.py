@@ -116,7 +116,7 @@ class Computing:
     not_fitted: float = 1e-9  # size of a parameter that is not to be fitted (computing)
     no_waves_rad: float = 1e-12  # size of waves that a map has no knots for [rad] (computing)
     # poses times columns of rows that are kept, where they are needed again (computing)
-    most_kept: int = 1_000_000
+    most_kept: int = 1_500_000
     tiny: float = 1e-300  # a sum of weights that is none (computing)
     # correlations are kept from one, where their transform has no end (computing)
     most_correlation: float = 1.0 - 1e-9

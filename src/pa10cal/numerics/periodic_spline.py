@@ -47,6 +47,7 @@ def b_splines(knots: int, q_rad: Array) -> csr_array:
     return csr_array((unwrapped.data, columns, unwrapped.indptr), shape=(len(q_rad), knots))
 
 
+@cache
 def b_splines_by_knots(knots: int) -> Array:
     """Return C (K, K): coefficients of the B-splines are C times the values at the knots."""
     by_coefficients = b_splines(knots, knots_rad(knots)).toarray()

@@ -208,11 +208,19 @@ class Model:
     def _by_weights(self, term: Weights, end: EndPose, carried: PoseStates, x: Array) -> Array:
         """Return the derivative of the pose by weights through the terms that bend, (P, 6, k)."""
         by_weights = np.zeros((len(carried), 6, len(term.parameters)))
+        soft = [
+            (
+                each,
+                x[columns],
+                each.shift(carried, x[columns]),
+                end.screws[:, :, self.chain.columns(each.coordinates)],
+            )
+            for each, columns in self._bending
+        ]
         for k, unit in enumerate(np.eye(by_weights.shape[2])):
             heavier = term.carried(carried, unit)
-            for soft, columns in self._bending:
-                screws = end.screws[:, :, self.chain.columns(soft.coordinates)]
-                more = soft.shift(heavier, x[columns]) - soft.shift(carried, x[columns])
+            for each, amounts, shift, screws in soft:
+                more = each.shift(heavier, amounts) - shift
                 by_weights[:, :, k] += (screws @ more[:, :, None])[:, :, 0]
         return by_weights
 

@@ -82,9 +82,8 @@ class BlockedRows:
 
     def with_effects_of(self, members: Iterable[ShapedEffect]) -> BlockedRows:
         """Return the rows with those of some members that are no maps as effects."""
-        return replace(
-            self, shaped=tuple(each for each in members if not is_error_map(each.effect))
-        )
+        shaped = tuple(each for each in members if not is_error_map(each.effect))
+        return self if shaped == self.shaped else replace(self, shaped=shaped)
 
     @cached_property
     def operating_point(self) -> FittedModel:

@@ -140,8 +140,9 @@ class EffectSet:
         """Return the sums of squares with each of some candidates added, (m, B)."""
         every = np.unique(np.concatenate([each.index for each in candidates]))
         groups = _by_length(candidates, every)
+        total = _between(self.total.gram, every, self.index)
         blocks = range(len(self.squares))
-        return np.stack([self._block_with_each(b, every, groups) for b in blocks], axis=1)
+        return np.stack([self._block_with_each(b, every, groups, total) for b in blocks], axis=1)
 
     def squares_without_each(self) -> Array:
         """Return the sums of squares with each member taken out, (m, B)."""
@@ -195,12 +196,16 @@ class EffectSet:
         for b, known in enumerate(self.inverse):
             across = known[np.ix_(rest, of_member)]
             corner = np.linalg.solve(known[np.ix_(of_member, of_member)], across.T)
-            inverse[b] = known[np.ix_(rest, rest)] - across @ corner
+            inverse[b] = _between(known, rest, rest) - across @ corner
         members = tuple(each for k, each in enumerate(self.members) if k != member)
         return replace(self, members=members, inverse=inverse)
 
-    def _block_with_each(self, b: int, every: Index, groups: Sequence[_SameLength]) -> Array:
+    def _block_with_each(
+        self, b: int, every: Index, groups: Sequence[_SameLength], total: Array
+    ) -> Array:
         """Return the sum of squares of a block with each candidate added, (m,).
+
+        The products of `every` (E,) column with the columns in use over all blocks are `total`.
 
         With A the columns in use, C those of a candidate, r the residual, and G the inverse of the
         set, all of the other blocks but for G, the candidate's amounts are a = (S + P)^-1 C'r, P
@@ -212,13 +217,13 @@ class EffectSet:
         """
         in_use, solution = self.index, self.solution[b]
         gram, projection = self.equations.gram[b], self.equations.projection[b]
-        # products of this block: A'A, A'C and those of A and C with r
-        AA, AC = gram[np.ix_(in_use, in_use)], gram[np.ix_(in_use, every)]
-        Ar, Cr = projection[in_use] - AA @ solution, projection[every] - AC.T @ solution
+        # products of this block: A'A, C'A and those of A and C with r
+        AA, CA = _between(gram, in_use, in_use), _between(gram, every, in_use)
+        Ar, Cr = projection[in_use] - AA @ solution, projection[every] - CA @ solution
         # the same of the other blocks
-        AC_others = self._gram_of_others(b, in_use, every)
-        Cr_others = self.total.projection[every] - projection[every] - AC_others.T @ solution
-        response = self.inverse[b] @ AC_others  # G A'C
+        CA_others = total - CA
+        Cr_others = self.total.projection[every] - projection[every] - CA_others @ solution
+        response = CA_others @ self.inverse[b]  # C'A G
         count = sum(len(group.candidates) for group in groups)
         steps, change = np.zeros((count, len(in_use))), np.zeros(count)
         for group in groups:
@@ -226,11 +231,11 @@ class EffectSet:
             columns = every[group.places]
             CC = gram[columns[:, :, None], columns[:, None, :]]  # (u, k, k)
             CC_others = self.total.gram[columns[:, :, None], columns[:, None, :]] - CC
-            responses = response.T[group.places]  # (u, k, n)
-            schur = CC_others - responses @ AC_others.T[group.places].swapaxes(1, 2)
+            responses = response[group.places]  # (u, k, n)
+            schur = CC_others - responses @ CA_others[group.places].swapaxes(1, 2)
             amounts = solve_each(schur[place], Cr_others[places], group.sizes**-2.0)[:, None]
             of_group = -(amounts @ responses[place])  # (m, 1, n)
-            slope = of_group @ AC.T[group.places].swapaxes(1, 2)[place] - Cr[places][:, None]
+            slope = of_group @ CA[group.places].swapaxes(1, 2)[place] - Cr[places][:, None]
             steps[group.candidates] = of_group[:, 0]
             change[group.candidates] = np.sum(
                 amounts * (amounts @ CC[place] + 2.0 * slope), axis=(1, 2)
@@ -240,14 +245,19 @@ class EffectSet:
 
     def _gram_of_others(self, b: int, rows: Index, columns: Index) -> Array:
         """Return the products of columns over all blocks but one."""
-        at = np.ix_(rows, columns)
-        return np.asarray(self.total.gram[at] - self.equations.gram[b][at])
+        of_all = _between(self.total.gram, rows, columns)
+        return of_all - _between(self.equations.gram[b], rows, columns)
 
     def _places(self) -> list[Index]:
         """Return where each member's columns stand in the set."""
         counts = [len(member.index) for member in self.members]
         stops = len(self.baseline.index) + np.cumsum([0, *counts])
         return [np.arange(first, last) for first, last in pairwise(stops)]
+
+
+def _between(gram: Array, rows: Index, columns: Index) -> Array:
+    """Return the products of some columns with others: whole rows are fastest to take."""
+    return np.asarray(gram.take(rows, axis=0).take(columns, axis=1))
 
 
 def start(equations: BlockEquations, baseline: Columns) -> EffectSet:

@@ -65,6 +65,7 @@ def linear_fit(rows: BlockedRows, members: tuple[ShapedEffect, ...]) -> LinearFi
 
 def refine_maps(rows: BlockedRows, members: tuple[ShapedEffect, ...]) -> LinearFit:
     """Fit members, with the finest maps of the search made finer while held-out blocks gain."""
+    rows = rows.with_effects_of(members)  # once: their designs are kept
     best, squares = _fit_and_held_out_squares(rows, members)
     for knots in MAPS.finer_knots:
         finer = tuple(made_finer(rows, member, knots) for member in members)

@@ -217,7 +217,8 @@ def with_effects_added(found: SearchOutcome, added: Sequence[Judged]) -> SearchO
         of_arrival = by_arrival(each) and each.of in places
         return not (of_arrival or (in_time and each.depends_on))
 
-    fit, rows = linear_fit(found.rows, members), found.rows
+    rows = found.rows.with_effects_of(members)
+    fit = linear_fit(rows, members)
     if in_time:  # stretches of time that are left out hardly show it
         interleaved = replace(rows.survey, block=interleaved_blocks(len(rows.survey.poses)))
         rows = replace(rows, survey=interleaved)

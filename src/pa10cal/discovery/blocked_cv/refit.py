@@ -147,6 +147,7 @@ class _Problem:
         of_maps = [every[self._model.columns_of(term)] for term in self._maps]
         self.dense = np.concatenate([*of_dense, every[self._targets]])  # (d,) all but maps
         self._place = np.argsort(np.concatenate([self.dense, *of_maps]))  # (k,) of each unknown
+        self._at: tuple[Array, Array] | None = None  # the last unknowns, and the residual there
 
     def _precision(self) -> Array:
         """Return the precision of the prior, (k, k), of effects of plausible sizes."""
@@ -186,8 +187,13 @@ class _Problem:
         return replace(self._survey.baseline, model=self._model, x=x_model, targets_m=targets_m)
 
     def residual(self, x: Array) -> Array:
-        """Return predicted minus measured components (P, b) at unknowns (k,), less nuisances."""
-        return self._survey.net_residual(self.model_at(x))
+        """Return predicted minus measured components (P, b) at unknowns (k,), less nuisances.
+
+        A step asks for it three times: for its cost, its weights and its equations.
+        """
+        if self._at is None or not np.array_equal(self._at[0], x):
+            self._at = x.copy(), self._survey.net_residual(self.model_at(x))
+        return self._at[1]
 
     def columns(self, x: Array, whiteners: Array) -> tuple[Array, Array]:
         """Return the derivative of the whitened residual at unknowns (k,).
@@ -299,6 +305,8 @@ def inverse_of_free(normal: Array, prior: Array, free: Mask) -> Array:
     """
     # the shape of an effect whose amount is zero has no information
     free = free & (np.diag(normal) > 0.0)
+    if free.all():
+        return inverse(normal, prior)
     at = np.ix_(free, free)
     found = np.zeros_like(normal)
     found[at] = inverse(normal[at], prior[at])
