@@ -220,9 +220,12 @@ def solve_normal(normal: Array, right: Array, damping: float = 0.0) -> Array:
     size[size == 0.0] = 1.0
     unit = normal / (size[:, None] * size)
     unit.flat[:: len(size) + 1] += damping
-    _, solved, failed = dposv(unit, right / size)
+    diagonal = unit.diagonal().copy()
+    # Its transpose is the same matrix in Fortran's order: half of it is factorised in place.
+    _, solved, failed = dposv(unit.T, right / size, overwrite_a=1)
     if failed:
-        values, vectors = np.linalg.eigh(unit)
+        unit.flat[:: len(size) + 1] = diagonal
+        values, vectors = np.linalg.eigh(unit.T)
         determined = values > _ROUNDING * values[-1]
         directions = vectors[:, determined]
         solved = directions @ ((directions.T @ (right / size)) / values[determined])

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
-from operator import add
 
 import numpy as np
 
@@ -129,7 +128,11 @@ def _equations_by_block(
     for block in range(BLOCKS.blocks):
         of_block = rows.equations_by_kind(block, joints, knots)
         in_waves.append(ByKind(*map(waves.of, of_block)))
-        splines = of_block if splines is None else ByKind(*map(add, splines, of_block))
+        if splines is None:
+            splines = of_block
+        else:
+            for whole, part in zip(splines, of_block, strict=True):
+                np.add(whole.products, part.products, out=whole.products)
     assert splines is not None
     return in_waves, splines
 
@@ -201,8 +204,8 @@ class _WaveColumns:
 
     def of(self, splines: Gaussian) -> Gaussian:
         """Return normal equations in waves from those in B-splines."""
-        free = np.flatnonzero(self._free)
-        return in_map_bases(splines, self._dense_count, self._bases).along(free)
+        found = in_map_bases(splines, self._dense_count, self._bases)
+        return found if self._free.all() else found.along(np.flatnonzero(self._free))
 
     def sizes(self, spectra: Sequence[Spectrum], scatter: float) -> Array:
         """Return the standard deviations (N,) of all columns, by the spectra of the maps.

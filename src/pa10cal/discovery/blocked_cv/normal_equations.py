@@ -130,7 +130,10 @@ class BlockEquations:
 
 def summed(blocks: Sequence[Gaussian]) -> Gaussian:
     """Return the normal equations of all blocks together."""
-    return sum(blocks[1:], blocks[0])
+    products = blocks[0].products.copy()
+    for each in blocks[1:]:
+        products += each.products
+    return Gaussian(products, sum(each.log_det for each in blocks))
 
 
 def map_columns(by_angle: Array, q_rad: Array, knots: Sequence[int]) -> csr_array:
