@@ -112,7 +112,7 @@ class Gaussian:
         if not len(at):
             return self
         others = np.delete(np.arange(self.unknowns + 1), at)
-        lower = _factor(self.products[np.ix_(at, at)])
+        lower = np.ascontiguousarray(_factor(self.products[np.ix_(at, at)]))
         explained = _forward(lower, self.products[np.ix_(at, others)])
         products = self.products[np.ix_(others, others)] - explained.T @ explained
         return Gaussian(products, self.log_det + float(_log_det(lower)))
@@ -125,6 +125,11 @@ class Gaussian:
     @cached_property
     def lower(self) -> Array:
         """Return the lower factor of the posterior precision G + I, (k, k)."""
+        return np.ascontiguousarray(self._by_columns)
+
+    @cached_property
+    def _by_columns(self) -> Array:
+        """Return the same column by column, which LAPACK takes without a copy."""
         return _factor(self.gram)
 
     def of_further(self, across: Array, gram: Array, projection: Array) -> Gaussian:
@@ -155,8 +160,7 @@ class Gaussian:
 
     def taken_of(self, across: Array) -> Array:
         """Return (G + I)^-1 times right sides (k, m), such as A^T B: what x absorbs of B."""
-        # As an upper factor in Fortran's order, which LAPACK takes without a copy.
-        return np.asarray(cho_solve((self.lower.T, False), across, check_finite=False))
+        return np.asarray(cho_solve((self._by_columns, True), across, check_finite=False))
 
     @cached_property
     def mean(self) -> Array:
@@ -196,7 +200,7 @@ class Gaussian:
     @property
     def log_precision(self) -> float:
         """Return log det(G + I), 0 without rows."""
-        return float(_log_det(self.lower))
+        return float(_log_det(self._by_columns))
 
     @property
     def log_evidence(self) -> float:
@@ -314,7 +318,7 @@ class Gaussians:
             factor = np.linalg.cholesky(bordered)
         except np.linalg.LinAlgError:  # one of them is singular: one by one
             for at in np.ndindex(bordered.shape[:-2]):
-                lower = _factor(self.gram[at])
+                lower = np.ascontiguousarray(_factor(self.gram[at]))
                 bordered[at][:k, :k] = lower
                 bordered[at][k, :k] = _forward(lower, self.projection[at][:, None])[:, 0]
             factor = bordered
@@ -372,20 +376,20 @@ def cv_residual(data: Array, columns: Array, fold: Index) -> Array:
 
 
 def _factor(gram: Array) -> Array:
-    """Return the lower factor L of G + I, (k, k).
+    """Return the lower factor L of G + I, (k, k), in Fortran's order.
 
     Where columns are nearly equal and far above the noise, rounding may leave G + I indefinite;
     then negative eigenvalues of G count as zero.
     """
     normal = np.array(gram, order="C")
     normal.flat[:: len(gram) + 1] += 1.0
-    upper, failed = dpotrf(normal.T, overwrite_a=1)  # in place, by its other half
+    lower, failed = dpotrf(normal.T, lower=1, overwrite_a=1)  # of the same matrix, in place
     if failed:
         values, vectors = np.linalg.eigh(gram)
         root = np.sqrt(1.0 + np.maximum(values, 0.0))[:, None] * vectors.T
         upper = np.linalg.qr(root, mode="r")
-        upper = upper * np.sign(np.diag(upper))[:, None]
-    return np.asarray(upper.T, dtype=np.float64)
+        lower = np.asfortranarray((upper * np.sign(np.diag(upper))[:, None]).T)
+    return np.asarray(lower, dtype=np.float64)
 
 
 def _forward(lower: Array, right: Array) -> Array:

@@ -195,7 +195,8 @@ class _WaveColumns:
         self._free[: len(rows.baseline_columns)] = ~rows.at_bound
         self.orders = harmonic_orders(wave_count + 1)[1:]
         waves = harmonics_at_knots(FINE)[:, 1 : 1 + wave_count]
-        self._bases = [b_splines_by_knots(FINE) @ waves] * len(maps)
+        basis, joints = b_splines_by_knots(FINE) @ waves, [each.joint for each in maps]
+        self._bases = [basis[at] for at in rows.touched(joints, [FINE] * len(maps))]
 
     @property
     def leading(self) -> int:

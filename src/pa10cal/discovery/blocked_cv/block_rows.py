@@ -22,6 +22,7 @@ from pa10cal.discovery.blocked_cv.normal_equations import (
     map_columns,
     normal_equations_of,
     solve,
+    touched_by,
 )
 from pa10cal.discovery.blocked_cv.survey import Survey
 from pa10cal.discovery.model_with_effects import all_unknowns, with_base_motion
@@ -66,9 +67,17 @@ class BlockDesign:
     by_angle: Array  # (p, b, j) derivative by the angle of every revolute joint
     q_rad: Array  # (p, j) these angles
 
-    def maps(self, knots: Sequence[int], joints: Sequence[int] | slice = slice(None)) -> csr_array:
-        """Return the columns of the B-splines of maps of all or some joints, of K knots each."""
-        return map_columns(self.by_angle[:, :, joints], self.q_rad[:, joints], knots)
+    def maps(
+        self,
+        knots: Sequence[int],
+        joints: Sequence[int] | slice = slice(None),
+        touched: Sequence[Index] = (),
+    ) -> csr_array:
+        """Return the columns of the B-splines of maps of all or some joints, of K knots each.
+
+        Only of those that are touched, where these are given.
+        """
+        return map_columns(self.by_angle[:, :, joints], self.q_rad[:, joints], knots, touched)
 
 
 @dataclass(frozen=True)
@@ -203,10 +212,12 @@ class BlockedRows:
             joints: joints of the maps.
             knots: B-splines a turn of each map.
             bases: coefficients (K, h) of the B-splines of each map for other unknowns of it, see
-                `in_map_bases`; none where the coefficients are the unknowns.
+                `in_map_bases`; none where the coefficients of those `touched` are the unknowns.
         """
         design, measured = self.design(block), self.survey.poses.measured
-        splines = design.maps(knots, [self.joints.index(joint) for joint in joints])
+        touched = self.touched(joints, knots)
+        splines = design.maps(knots, [self.joints.index(joint) for joint in joints], touched)
+        bases = [basis[at] for basis, at in zip(bases, touched, strict=True)] if bases else ()
         component = np.arange(len(design.data)) % measured.components_seen.shape[1]
         of_positions = np.isin(component, measured.position_columns)
         return ByKind(
@@ -215,6 +226,19 @@ class BlockedRows:
                 for rows in (np.flatnonzero(of_positions), np.flatnonzero(~of_positions))
             )
         )
+
+    def touched(self, joints: Sequence[int], knots: Sequence[int]) -> list[Index]:
+        """Return the B-splines of maps of joints, from 1, that some pose of the survey touches."""
+        q_rad, known = self.survey.poses.states.q_rad, self._touched
+        for joint, each in zip(joints, knots, strict=True):
+            if (joint, each) not in known:
+                known[joint, each] = touched_by(q_rad[:, joint - 1], each)
+        return [known[key] for key in zip(joints, knots, strict=True)]
+
+    @cached_property
+    def _touched(self) -> dict[tuple[int, int], Index]:
+        """B-splines that were found to be touched, by joint and knots."""
+        return {}
 
     @cached_property
     def _kept(self) -> dict[int, BlockDesign]:

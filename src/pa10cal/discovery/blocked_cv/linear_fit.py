@@ -33,10 +33,12 @@ class LinearFit:
 
     members: tuple[ShapedEffect, ...]
     # normal equations of all blocks: N columns of model and nuisances, effects, then the B-splines
-    # of one map after the other
+    # of one map after the other that some pose touches
     equations: Gaussian
     prior: Array  # (N, N) prior precision
     columns: tuple[Index, ...]  # of each member
+    # (K, v) of each map: the coefficients of all its B-splines by those touched, as its prior says
+    by_touched: tuple[Array, ...]
 
     @cached_property
     def _solution(self) -> Array:
@@ -54,8 +56,16 @@ class LinearFit:
     @property
     def effect_parameters(self) -> tuple[Array, ...]:
         """Return the parameters of each member's effect."""
-        parts = zip(self.members, self.columns, strict=True)
-        return tuple(_parameters(member, self._solution[columns]) for member, columns in parts)
+        parts, by_touched = zip(self.members, self.columns, strict=True), iter(self.by_touched)
+        return tuple(
+            _parameters(
+                member,
+                next(by_touched) @ self._solution[columns]
+                if is_error_map(member.effect)
+                else self._solution[columns],
+            )
+            for member, columns in parts
+        )
 
 
 def linear_fit(rows: BlockedRows, members: tuple[ShapedEffect, ...]) -> LinearFit:
@@ -125,7 +135,8 @@ def held_out(rows: BlockedRows, fit: LinearFit) -> HeldOut:
         covariance = inverse(others.gram + fit.prior, fit.prior)
         squares_of_estimates += float(np.sum(covariance * own.positions.gram))
         x, design = covariance @ others.projection, rows.design(block)
-        maps = design.maps(knots, [rows.joints.index(joint) for joint in joints])
+        of_joints = [rows.joints.index(joint) for joint in joints]
+        maps = design.maps(knots, of_joints, rows.touched(joints, knots))
         white = design.data - design.dense @ x[: rows.dense_count] - maps @ x[rows.dense_count :]
         residual = rows.unwhitened(block, white[:, None])[:, :, 0]
         here = np.flatnonzero(rows.survey.block == block)
@@ -137,19 +148,25 @@ def linear_fit_of(
     equations: Gaussian, rows: BlockedRows, members: tuple[ShapedEffect, ...]
 ) -> LinearFit:
     """Fit members by the normal equations of all blocks, in columns as `LinearFit` has them."""
-    maps = maps_among(members)
-    dense_count = equations.unknowns - sum(each.knots for each in maps)
-    factors = [b_splines_by_knots(each.knots) @ each.prior_factor for each in maps]
-    inverses = [np.linalg.inv(factor) for factor in factors]
-    prior = block_diag(np.eye(dense_count), *(inverse.T @ inverse for inverse in inverses))
-    stops = dense_count + np.cumsum([0, *(each.knots for each in maps)])
+    factors = [b_splines_by_knots(each.knots) @ each.prior_factor for each in maps_among(members)]
+    touched = rows.touched(*joints_and_knots(members))
+    # By R of the touched coefficients' factor their prior covariance is R^T R.
+    parts = [np.linalg.qr(factor[at].T) for factor, at in zip(factors, touched, strict=True)]
+    inverses = [np.linalg.inv(R) for _, R in parts]
+    by_touched = tuple(
+        factor @ Q @ inverse.T
+        for factor, (Q, _), inverse in zip(factors, parts, inverses, strict=True)
+    )
+    dense_count = equations.unknowns - sum(map(len, touched))
+    prior = block_diag(np.eye(dense_count), *(inverse @ inverse.T for inverse in inverses))
+    stops = dense_count + np.cumsum([0, *map(len, touched)])
     of_maps = [np.arange(first, last) for first, last in pairwise(stops)]
     of_effects = rows.with_effects_of(members).columns_of_effects()
     columns = []
     for member in members:
         own_kind = of_maps if is_error_map(member.effect) else of_effects
         columns.append(own_kind.pop(0))
-    return LinearFit(members, equations, prior, tuple(columns))
+    return LinearFit(members, equations, prior, tuple(columns), by_touched)
 
 
 def _equations_by_block(rows: BlockedRows, members: tuple[ShapedEffect, ...]) -> list[Gaussian]:
@@ -179,11 +196,10 @@ def with_form(member: ShapedEffect, knots: int, spectrum: Spectrum | None = None
 
 
 def _parameters(shaped: ShapedEffect, amounts: Array) -> Array:
-    """Return the parameters of an effect for the amounts of its columns."""
+    """Return the parameters of an effect for the amounts of its columns; of a map its knots."""
     effect = shaped.effect
     if is_error_map(effect):
-        errors_at_knots = np.linalg.solve(b_splines_by_knots(effect.knots), amounts)
-        return np.asarray(errors_at_knots, dtype=np.float64)
+        return np.asarray(np.linalg.solve(b_splines_by_knots(effect.knots), amounts), np.float64)
     x = shaped.start.copy()
     x[: effect.linear] += effect.prior_factor @ amounts
     return x

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.linalg.lapack import dposv, dpotrf, dpotri
 from scipy.sparse import csr_array
 
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, Index
 from pa10cal.discovery.rules import BLOCKS
 from pa10cal.discovery.tuning import COMPUTING
 from pa10cal.numerics.gaussian import Gaussian
@@ -136,13 +136,16 @@ def summed(blocks: Sequence[Gaussian]) -> Gaussian:
     return Gaussian(products, sum(each.log_det for each in blocks))
 
 
-def map_columns(by_angle: Array, q_rad: Array, knots: Sequence[int]) -> csr_array:
+def map_columns(
+    by_angle: Array, q_rad: Array, knots: Sequence[int], touched: Sequence[Index] = ()
+) -> csr_array:
     """Return the derivative of rows by the B-splines of maps, sparse (b P, K1 + K2 + …), by pose.
 
     Args:
         by_angle: (P, b, j) derivative of the rows by the angle of each joint that has a map.
         q_rad: (P, j) these angles.
         knots: knots a turn of each map.
+        touched: the B-splines of each map that are columns, see `touched_by`; none for all.
     """
     count, components, joints = by_angle.shape
     rows = count * components
@@ -157,9 +160,23 @@ def map_columns(by_angle: Array, q_rad: Array, knots: Sequence[int]) -> csr_arra
         axis=1,
     )
     data = by_angle[:, :, :, None] * values[:, None]
+    width = int(first[-1])
+    if touched:
+        chosen = np.concatenate([at + first[j] for j, at in enumerate(touched)])
+        number = np.zeros(width, dtype=columns.dtype)
+        number[chosen] = np.arange(len(chosen))
+        columns, width = number[columns], len(chosen)
     indices = np.broadcast_to(columns[:, None], data.shape)
     starts = np.arange(rows + 1) * _SUPPORT * joints
-    return csr_array((data.ravel(), indices.ravel(), starts), shape=(rows, first[-1]))
+    return csr_array((data.ravel(), indices.ravel(), starts), shape=(rows, width))
+
+
+def touched_by(q_rad: Array, knots: int) -> Index:
+    """Return the B-splines of a map (v,) that are not zero at some of the angles (P,).
+
+    A joint is seldom seen all around, and the prior alone determines the others.
+    """
+    return np.unique(b_splines(knots, q_rad).indices).astype(np.intp)
 
 
 # Solutions, scaled to a unit diagonal, with a way out where rounding makes a matrix indefinite.
