@@ -456,6 +456,19 @@ def test_heavy_tails_are_not_called_wrong(survey, thrice):
     assert 0 < found.excluded.sum() < 0.1 * len(thrice)
 
 
+def test_readings_left_out_that_are_only_suspected_are_named(survey, thrice):
+    heavy_m = np.random.default_rng(2).standard_t(3, (len(thrice), 3))
+    found = row_faults(shifted(thrice, 4e-5 * heavy_m), survey.baseline, None, "none")
+    assert found.faults == ()
+    rows = np.flatnonzero(found.excluded)
+    load_N = thrice.states.load_N
+    assert [each.where for each in found.suspected] == [
+        f"pose {thrice.pose[row]}, {load_N[row]:g} N, repeat {thrice.repeat[row]}" for row in rows
+    ]
+    assert all(" off, " in each.what for each in found.suspected)
+    assert len(rows) > 0
+
+
 def test_readings_off_one_after_the_other_are_no_single_ones(survey, thrice):
     """As where the instrument stood elsewhere during the last pass over some of the poses."""
     time_s = np.arange(len(thrice)) % 3 * 1e4 + np.arange(len(thrice)) // 3

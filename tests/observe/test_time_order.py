@@ -20,6 +20,7 @@ from pa10cal.observe.time_order import (
     confounded_with_time,
     covariates,
     like_a_scan,
+    may_show_changes,
     measured_again,
     slow_joints,
     sorted_rows,
@@ -34,6 +35,8 @@ NONE_SLIDES = np.zeros(JOINTS, dtype=bool)
 
 class Unmeasured:
     """Readings of nothing: the order of rows is all that counts."""
+
+    campaigns = ()
 
     def take(self, rows):
         del rows
@@ -156,6 +159,20 @@ def test_poses_that_are_measured_again_give_time_in_any_order(random_order):
     at_once = half.take(np.repeat(np.arange(ROWS // 2), 2))
     same = replace(at_once.states, time_s=10.0 * np.arange(ROWS))
     assert confounded_with_time(at_once.with_states(same)) != ()
+
+
+def test_a_scan_shows_changes_once_it_is_gone_through_again(random_order):
+    """As of one joint at a time, there and back."""
+    half = random_order.take(np.arange(ROWS // 2))
+    once = at_rest(np.arange(ROWS // 2)[:, None] * np.full(JOINTS, 0.02))
+    half = half.with_states(replace(once, time_s=10.0 * np.arange(ROWS // 2)))
+    there_and_back = half.take(np.r_[np.arange(ROWS // 2), np.arange(ROWS // 2)[::-1]])
+    states = replace(there_and_back.states, time_s=10.0 * np.arange(ROWS))
+    there_and_back = there_and_back.with_states(states)
+    assert like_a_scan(half)
+    assert like_a_scan(there_and_back)
+    assert not may_show_changes(half)
+    assert may_show_changes(there_and_back)
 
 
 def test_places_that_are_visited_again_give_time_whatever_their_labels(random_order):

@@ -52,6 +52,7 @@ from pa10cal.errors import CalibrationError, DiscoveryError
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.uncertain_weights import open_unknowns
 from pa10cal.observe.observations import Observations, average_repeats, reading_groups
+from pa10cal.observe.time_order import measured_again
 from pa10cal.results.analysis import LackOfFit
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import is_error_map
@@ -106,7 +107,9 @@ def _without_joint_steps(
     Repeats before and after a step differ: as their noise it would hide what the model lacks, and
     right readings would count as gross errors.
     """
-    if judged_by_blocks(campaign.trusted) or repeated(campaign.readings) < NOISE.least_differences:
+    readings = campaign.readings
+    few = repeated(readings) < NOISE.least_differences and not measured_again(readings)
+    if few or judged_by_blocks(campaign.trusted):
         return campaign
     from pa10cal.discovery.evidence.by_repeats import joint_steps_between_repeats
 

@@ -27,6 +27,7 @@ from pa10cal.observe.arrivals import reversed_joints, with_arrivals
 from pa10cal.observe.observations import Observations, average_repeats, reading_groups
 from pa10cal.observe.quantities import MM
 from pa10cal.options import DiscoveryOptions
+from pa10cal.results.discovery import SuspectedReading
 from pa10cal.terms.effects.effect import CandidateContext, Effect, candidates
 from pa10cal.terms.effects.joint_error_map import is_error_map
 from pa10cal.terms.joint_spring import is_spring
@@ -82,6 +83,7 @@ class Prepared:
     arrivals_from_order: bool  # whether directions of arrival follow from the order of the poses
     faults: tuple[DiagnosedFault, ...] = ()  # faults of single rows or poses
     excluded: Mask | None = None  # (P,) readings with a fault; None for none
+    suspected_readings: tuple[SuspectedReading, ...] = ()  # those of them without one in `faults`
     suspected: Mask | None = None  # (H,) held-out poses with a suspected reading; None for none
 
     @property
@@ -142,6 +144,7 @@ def prepared(
         arrivals_from_order=from_order,
         faults=faults,
         excluded=of_rows.excluded,
+        suspected_readings=of_rows.suspected,
         suspected=suspected,
     )
 

@@ -36,7 +36,7 @@ from pa10cal.fit.loads import TorqueSource, statics_of, with_torques
 from pa10cal.fit.tails import far_from_prediction
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
-from pa10cal.results.discovery import FaultKind
+from pa10cal.results.discovery import FaultKind, SuspectedReading
 
 
 @dataclass(frozen=True)
@@ -46,6 +46,7 @@ class RowFaults:
     # (P,) readings that are not used: those of the faults, and some that are only suspected
     excluded: Mask
     faults: tuple[DiagnosedFault, ...]
+    suspected: tuple[SuspectedReading, ...] = ()
 
 
 def row_faults(
@@ -64,7 +65,7 @@ def row_faults(
         excluded |= readings.pose == pose
         what = f"the mean of its readings is {off}, {times:.3g} times as far as is usual"
         faults.append(fault_of_pose(pose, what, None, decides=False))
-    return RowFaults(excluded, tuple(faults))
+    return RowFaults(excluded, tuple(faults), tuple(_suspected(of_rest, gross)))
 
 
 def held_out_faults(held_out: Observations, model: FittedModel, fitted: Observations) -> RowFaults:
@@ -102,6 +103,23 @@ def _load_faults(readings: Observations, true_N: Array, gain: Array) -> Iterator
         )
 
 
+def _suspected(readings: Observations, gross: GrossErrors) -> Iterator[SuspectedReading]:
+    """Yield the readings that are excluded and not certainly wrong."""
+    for row in np.flatnonzero(gross.excluded & ~gross.accused).tolist():
+        yield SuspectedReading(where=_where(readings, row), what=_off(readings, gross, row))
+
+
+def _where(readings: Observations, row: int) -> str:
+    load_N, repeat = readings.states.load_N[row], readings.repeat[row]
+    return f"pose {readings.pose[row]}, {load_N:g} N, repeat {repeat}"
+
+
+def _off(readings: Observations, gross: GrossErrors, row: int) -> str:
+    times = times_usual(gross.white, readings)[row]
+    off = off_in_words(readings.measured, gross.apart[row], gross.white[row])
+    return f"{off}, {times:.3g} times the usual scatter"
+
+
 def _reading_faults(
     readings: Observations, model: FittedModel, gross: GrossErrors, prefix: str
 ) -> Iterator[DiagnosedFault]:
@@ -116,18 +134,16 @@ def _reading_faults(
     order_of = _exchanged_labels(readings.take(rows), model)
     total = float(np.sum(times**2))
     for k, row in enumerate(rows.tolist()):
-        off = off_in_words(readings.measured, gross.apart[row], gross.white[row])
         kind: FaultKind = "outlier"
-        what = f"{off}, {times[row]:.3g} times the usual scatter"
+        what = _off(readings, gross, row)
         remedy = "check the raw reading; measure it again or exclude it"
         if k in order_of:
             moved = " and ".join(names[b] for b, other in enumerate(order_of[k]) if other != b)
             kind, what = "label", f"the labels of targets {moved} seem exchanged"
             remedy = "correct the labels of this configuration"
-        load_N, repeat = readings.states.load_N[row], readings.repeat[row]
         yield DiagnosedFault(
             kind=kind,
-            where=f"{prefix}pose {readings.pose[row]}, {load_N:g} N, repeat {repeat}",
+            where=f"{prefix}{_where(readings, row)}",
             what=what,
             remedy=remedy,
             gain=float(times[row] ** 2 / total),

@@ -66,6 +66,7 @@ def verdict_keys(found: Verdict, ahead: Plan = NOTHING_PLANNED) -> VerdictKeys:
             for finding in (*found.gives_way, *found.in_log, *found.effects)
         ),
         faults=found.faults,
+        suspected_readings=found.prepared.suspected_readings or None,
         unexplained=AllUnexplained(**dict(places[0]), all=places) if places else None,
         proposed=tuple(proposal.record for proposal in found.proposed) or None,
         not_testable=not_testable(found.not_testable),
@@ -202,9 +203,10 @@ def warnings_of(verdict: VerdictKeys) -> tuple[str, ...]:
     if verdict.falls_back is not None:
         found.append(verdict.falls_back.why)
     if verdict.search is not None and (count := verdict.search.excluded):
+        suspected = [f"{each.where}, {each.what}" for each in verdict.suspected_readings or ()]
         found.append(
             f"{count} reading{'s are' if count > 1 else ' is'} excluded, far from the others of "
             "the pose, or from the model where it has no others: gross errors, or what the model "
-            "lacks there"
+            f"lacks there{'; only suspected: ' * bool(suspected)}{'; '.join(suspected)}"
         )
     return tuple(found)

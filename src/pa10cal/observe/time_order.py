@@ -246,8 +246,13 @@ def like_a_scan(poses: Observations) -> bool:
 
 
 def may_show_changes(poses: Observations) -> bool:
-    """Return whether poses of one campaign tell a change in time from one by the place."""
-    return poses.states.tells_time and not poses.measured.campaigns and not like_a_scan(poses)
+    """Return whether poses of one campaign tell a change in time from one by the place.
+
+    So they do even in the order of a scan, once they are measured again in the course of time.
+    """
+    if not poses.states.tells_time or poses.measured.campaigns:
+        return False
+    return not like_a_scan(poses) or measured_again(poses)
 
 
 def spread_over_time(poses: Observations, most: int) -> Index:

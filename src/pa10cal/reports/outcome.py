@@ -147,6 +147,11 @@ def verdict(results: ResultsBundle, record: VerdictRecord) -> Iterator[PageBlock
             for fault in record.faults
         ),
     )
+    yield grid(
+        "Readings left out of the search, suspected of a gross error",
+        "where | how far off the others of the pose, or off the model where there are none",
+        ((each.where, each.what) for each in record.suspected_readings or ()),
+    )
     head = "effect | at | size | what it adds | probability | could also be"
     if lead is not None:
         head += f" | error without → with it, over {lead.over} [mm rms] | of the error beyond noise"

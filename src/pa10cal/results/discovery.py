@@ -187,6 +187,13 @@ class Fault(record.Part):
     gain: float | None
 
 
+class SuspectedReading(record.Part):
+    """A reading that is left out of the search."""
+
+    where: str  # pose, load and repeat
+    what: str  # how far it is off the others of its pose, or off the model where there are none
+
+
 class AllUnexplained(Unexplained):
     """Everything without a name; the keys beside `all` are those of the largest."""
 
@@ -457,6 +464,9 @@ class VerdictKeys(record.Part):
     # faults of the log; `effects` then holds those that stand whatever becomes of them, and single
     # readings with a gross error alone leave the verdict as it is where effects stand
     faults: tuple[Fault, ...]
+    # readings left out of the search that may have a gross error; `faults` lists those that surely
+    # have one
+    suspected_readings: tuple[SuspectedReading, ...] | None = record.optional()
     unexplained: AllUnexplained | None  # what has no name; null if nothing remains
     # short formulas that do as well as a map or as what has no name; they name nothing, and are not
     # in the extended model

@@ -275,6 +275,24 @@ def test_a_zero_that_moved_between_repeats_is_no_noise(log):
     assert found.train.after.mean_mm < 1.2 * found.noise_floor_mm
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("moved_rad", [0.0, 3e-4])
+def test_a_zero_that_moved_is_told_where_repeats_are_too_few_for_a_search(moved_rad):
+    def step(states):
+        return moved_rad * (states.time_s > 5400.0)[:, None] * np.eye(6)[2]
+
+    measured = measure(Missing(turn=step))
+    readings = measured.readings
+    kept = np.isin(readings.pose, np.unique(readings.pose)[:15])
+    few = (readings.states.load_N == 0.0) & (readings.states.arrival[:, 0] > 0.0) & kept
+    found = discover(readings.take(few), measured.baseline, measured.setup)
+    assert found.verdict == "not_sought"
+    assert [fault.kind for fault in found.faults] == ["step_in_time"] * (moved_rad > 0.0)
+    assert not found.prepared.gross.any()
+    if moved_rad:
+        assert found.faults[0].what.startswith("the zero of joint 3 moved by +0.3")
+
+
 def test_a_campaign_without_repeats_is_refused(null):
     _, first = np.unique(null.readings.pose, return_index=True)
     with pytest.raises(DiscoveryError, match="too few repeats"):

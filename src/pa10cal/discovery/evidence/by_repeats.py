@@ -72,7 +72,7 @@ from pa10cal.observe.observations import Observations, average_repeats, reading_
 from pa10cal.observe.time_order import spread_over_time
 from pa10cal.results.analysis import LackOfFit, PureErrorTest
 from pa10cal.results.discovery import SearchByRepeats, SharedError
-from pa10cal.terms.effects.effect import Effect
+from pa10cal.terms.effects.effect import CandidateContext, Effect
 from pa10cal.terms.forms.form import Form
 from pa10cal.terms.offsets import motion_of_base
 from pa10cal.terms.weights import is_fault
@@ -280,11 +280,22 @@ def joint_steps_between_repeats(
     if likely is None:
         return None
     corrected = again(likely)
-    problem = prepare(corrected.trusted, campaign.baseline, campaign.setup, torques_logged=logged)
-    at = fit(problem, (), (), NO_SHARED_ERROR).fitted()
+    at, context = _fitted(corrected)
     readings = completed(campaign.readings.take(~corrected.gross), at)
     noise = whitener_of(readings.measured.stated_covariance)
-    return joint_steps_of(at, readings, noise, noise, _sought(problem), logged=logged)
+    effects = _sought_in(context, campaign.baseline)
+    return joint_steps_of(at, readings, noise, noise, effects, logged=logged)
+
+
+def _fitted(campaign: preparation.Prepared) -> tuple[FittedModel, CandidateContext]:
+    """Return the model fitted to a campaign again, where repeats suffice, and what is possible."""
+    baseline, setup, logged = campaign.baseline, campaign.setup, campaign.torques == "logged"
+    try:
+        problem = prepare(campaign.trusted, baseline, setup, torques_logged=logged)
+        return fit(problem, (), (), NO_SHARED_ERROR).fitted(), problem.context
+    except DiscoveryError:  # too few: the calibrated model
+        readings = preparation.complete(campaign.trusted, baseline, setup)
+        return baseline, preparation.context_of(readings, baseline, setup)
 
 
 def discover_by_repeats(campaign: preparation.Prepared) -> Verdict[ByRepeats]:
@@ -366,7 +377,11 @@ def _verdict(
 
 def _sought(problem: EvidenceProblem) -> tuple[Effect, ...]:
     """Return the effects to be sought, without those that only replace others."""
-    every = preparation.sought(problem.context, problem.baseline.model.terms)
+    return _sought_in(problem.context, problem.baseline)
+
+
+def _sought_in(context: CandidateContext, baseline: FittedModel) -> tuple[Effect, ...]:
+    every = preparation.sought(context, baseline.model.terms)
     return tuple(effect for effect in every if effect.role_in_search != "substitute")
 
 
