@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -146,6 +148,54 @@ def test_other_labels_have_no_endings():
     assert label_endings([""] * 12, p) == []
     assert label_endings(["P1_A"] * 12, p) == []
     assert label_endings([f"P{k // 2}_{'AB'[k % 2]}" for k in range(12)], p) == ["_A", "_B"]
+
+
+@pytest.mark.parametrize(
+    ("column", "value"),
+    [
+        ("Temperature [C]", lambda k: f"{20 + 0.1 * k:.1f}"),
+        ("Humidity", lambda k: f"{43 - 0.1 * k:.1f}"),
+        ("Target speed", lambda k: str((100, 250, 500)[k % 3])),
+    ],
+)
+def test_numbers_are_no_targets(sightings, read, column, value):
+    table = sightings[1]
+    one = table[table["Target"] == "A"].drop(columns="Target").reset_index(drop=True)
+    one[column] = [value(k) for k in range(len(one))]
+    text, found = read(one)
+    assert "target" not in yaml.safe_load(text)["columns"]["poses"]
+    assert found.quarantined == ()
+
+
+@pytest.mark.parametrize("logs", [1, 2])
+def test_places_of_a_grid_are_no_targets(sightings, read, logs):
+    """Between them the arm moves, as it does not between targets of one pose."""
+    table = sightings[1]
+    one = table[table["Target"] == "A"].drop(columns="Target").reset_index(drop=True)
+    one["Name"] = [f"R{k // 6}_C{k % 6}" for k in range(len(one))]
+    tables = [one] if logs == 1 else [one[["Name", *Q]], one[["Name", "X", "Y", "Z"]]]
+    text, found = read(*tables)
+    assert "every row is of one target" not in text
+    assert len(found.observations) == len(one)
+
+
+@pytest.mark.parametrize("slip", ["", "t2"])
+@pytest.mark.parametrize("label", [False, True])
+def test_one_odd_row_is_lost_alone(sightings, read, slip, label):
+    table = sightings[1].copy()
+    table.loc[5, "Target"] = slip
+    if label:
+        table = table.assign(Name=table["Name"] + "_" + table["Target"]).drop(columns="Target")
+    text, found = read(table)
+    assert "every row is of one target, by" in text
+    assert [row.line for row in found.quarantined] == [7]
+
+
+def test_a_column_of_targets_that_is_not_used_is_told(sightings, read):
+    table = sightings[1].copy()
+    table.loc[::7, "Target"] = ""
+    text, _ = read(table)
+    assert re.search("# check target: Target is not taken for it.* 1[45]% of the rows", text)
 
 
 WORDS = {"A": "A", "B": "B", "C": "C"}

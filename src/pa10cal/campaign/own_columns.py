@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import chain
 from typing import Annotated, Any, Literal, Self
 
@@ -241,9 +241,14 @@ class TargetOfRow(Section):
         """Return the label of the pose in a field, and its target; empty for no stated target."""
         if self.words:
             return field, self.words.get(field, "")
-        matching = [ending for ending in self.endings if field.endswith(ending)]
-        longest = max(matching, key=len, default="")
-        return field.removesuffix(longest), self.endings.get(longest, "")
+        pose = without_ending(field, self.endings)
+        return pose, self.endings.get(field[len(pose) :], "")
+
+
+def without_ending(label: str, endings: Iterable[str]) -> str:
+    """Return a label without the longest of the endings that it has."""
+    matching = [ending for ending in endings if label.endswith(ending)]
+    return label.removesuffix(max(matching, key=len, default=""))
 
 
 class FileColumns(Layout):

@@ -123,21 +123,25 @@ def propose_two_logs(
         replace(reading_roles, joints=joint_roles.joints), readings_log, readings_file.name
     )
     labels = _labels_of_logs(joint_roles, joints_log, reading_roles, readings_log)
+    whole_labels = False
     if labels is not None:
         joint_label, reading_label = labels
         joint_roles = replace(joint_roles, single={**joint_roles.single, "pose": joint_label})
         reading_roles = replace(
             reading_roles, single={**reading_roles.single, "pose": reading_label}
         )
+        found = np.isin(readings_log.words(reading_label), joints_log.words(joint_label))
+        whole_labels = bool(found.mean() > 0.5)
     joints = ProposedColumns(joints_log, joint_roles, arm)
-    readings = ProposedColumns(readings_log, reading_roles, arm, joints.checks)
+    readings = ProposedColumns(
+        readings_log, reading_roles, arm, joints.checks, whole_labels=whole_labels
+    )
     files_read: dict[str, Any] = {"joints": (joints_file.name, joints_log, joints.joints())}
     T_base_ee = None
     if arm is not None:
         # First as points, whose unit and place need no convention.
-        points = ProposedColumns(readings_log, replace(reading_roles, attitude=None), arm).readings(
-            None
-        )
+        of_points = replace(reading_roles, attitude=None)
+        points = replace(readings, roles=of_points, checks=[]).readings(None)
         as_points = files_read | {"readings": (readings_file.name, readings_log, points)}
         content = _proposal(joints, as_points, name, robot, arm).content
         lines, T_known = _at_joints(content, (joints_file, readings_file), arm)

@@ -51,7 +51,11 @@ from pa10cal.campaign.recognise import (
     standing,
     unit_of,
 )
-from pa10cal.campaign.row_targets import target_column, target_names
+from pa10cal.campaign.row_targets import (
+    target_column,
+    target_columns_not_used,
+    target_names,
+)
 from pa10cal.campaign.screens import not_detected
 from pa10cal.campaign.sniffing import JUDGED, Sniffed, time_columns
 from pa10cal.errors import RawDataError
@@ -82,6 +86,7 @@ class ProposedColumns:
     roles: Roles
     arm: Arm | None
     checks: list[str] = field(default_factory=list)
+    whole_labels: bool = False  # whether another log has the labels of this one as they are
     stated_mm: float | None = None  # rms standard uncertainty that the file states
     signs: tuple[int, ...] = ()  # of the joints, for `joint_signs`; empty where none is reversed
     temperature_C: float = 20.0  # for `reference_temperature_C`
@@ -267,9 +272,13 @@ class ProposedColumns:
             position = self._place(names, T_base_ee)
             if attitude is None and names != self.roles.polar:
                 p_m = 1e-3 * LENGTHS[position["unit"]] * self.sniffed.columns(names)
-                of_row = target_column(self.sniffed, self.roles, p_m, T_base_ee)
+                of_row = target_column(
+                    self.sniffed, self.roles, p_m, T_base_ee, whole_labels=self.whole_labels
+                )
                 if of_row is not None and not still:
                     return {"position": position} | self._of_row(of_row)
+                if of_row is None:
+                    self.checks += target_columns_not_used(self.sniffed, self.roles)
             if len(positions) > 1:
                 self.checks.append(
                     f"position: {', '.join(names)} taken, of {len(positions)} triples"

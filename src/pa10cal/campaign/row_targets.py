@@ -5,31 +5,45 @@ from __future__ import annotations
 import itertools
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from pa10cal.arrays import Array
 from pa10cal.campaign.nominal_fit import placed_by_points
-from pa10cal.campaign.own_columns import TargetOfRow
+from pa10cal.campaign.own_columns import without_ending
 from pa10cal.campaign.recognise import Roles, has_word, words_of_name
 from pa10cal.campaign.sniffing import Sniffed
 
-#: Targets at most; rows of each target, and poses, at least.
-_MOST, _FEWEST = 12, 3
-#: A label that ends with a target: a letter after a number, or a word behind a sign.
-_ENDING = re.compile(r"(?P<pose>.*\w)(?P<ending>(?<=\d)[A-Za-z]|[_.:/\s-]+[A-Za-z]{0,12}\d{0,2})")
-#: Part of the labels with such an ending, and of the poses with several targets, at least.
+#: Targets at most.
+_MOST_TARGETS = 12
+#: Rows of each target at least; words and endings of fewer rows are slips.
+_LEAST_ROWS = 3
+#: Poses in labels with endings at least.
+_LEAST_POSES = 3
+#: A label that ends with a target: a letter after a number, as in P1A, or a word of letters and
+#: digits behind a sign, as in P1_A, P1.2 or P1 - SMR2.
+_LETTER, _WORD = r"(?<=\d)[A-Za-z]", r"[_.:/\s-]+[A-Za-z]{0,12}\d{0,2}"
+_ENDING = re.compile(rf"(?P<pose>.*\w)(?P<ending>{_LETTER}|{_WORD})")
+#: Part of the rows with such a word or ending, and of the poses with several targets, at least.
 _NEARLY_ALL, _SEVERAL = 0.95, 0.5
 #: Targets of one pose scatter by more than this part of the scatter of all places.
 _APART = 1e-3
+#: Within a pose the arm scatters by less than this part of what targets do, each beside all rows.
+_STILL = 0.1
 #: With several targets the misfit of the nominal arm must be so many times smaller than with one.
 _CLEARER = 5.0
 
 
 def target_column(
-    sniffed: Sniffed, roles: Roles, p_m: Array, T_base_ee: Array | None
+    sniffed: Sniffed,
+    roles: Roles,
+    p_m: Array,
+    T_base_ee: Array | None,
+    *,
+    whole_labels: bool = False,
 ) -> dict[str, object] | None:
     """Return `target` of campaign.yaml for a file whose rows are of one of several targets each.
 
@@ -41,22 +55,62 @@ def target_column(
         roles: roles of its columns.
         p_m: (N, 3) the position in each row.
         T_base_ee: (N, 4, 4) the nominal end in each row, where it is known.
+        whole_labels: whether a log of joints has the same labels, which then name no target.
     """
-    used = {*roles.joints, *roles.torques, *roles.uncertain.values(), *roles.times}
-    used |= {name for names in roles.positions.values() for name in names}
-    free = [name for name in sniffed.names if name not in used]
-    for name in free:
-        if endings := label_endings(sniffed.words(name), p_m):
+    free = _free_columns(sniffed, roles)
+    arm = sniffed.columns(roles.joints) if roles.joints else None
+    if T_base_ee is not None:
+        arm = T_base_ee[:, :3].reshape(-1, 12)
+    for name in () if whole_labels else free:
+        endings = label_endings(sniffed.words(name), p_m, arm)
+        if endings and not sniffed.holds_numbers(name):
             return {"names": name, "endings": target_names(endings)}
     for name in free:
         words = sniffed.words(name)
-        counts = Counter(words)
-        if "" in counts or not 2 <= len(counts) <= _MOST or min(counts.values()) < _FEWEST:
+        frequent, share = _frequent(words)
+        if not 2 <= len(frequent) <= _MOST_TARGETS or share < _NEARLY_ALL:
             continue
-        title = words_of_name(sniffed.titled(name))
-        if has_word(title, "one target") or _nearer(words, p_m, T_base_ee):
-            return {"names": name, "words": target_names(sorted(counts))}
+        if _names_target(sniffed.titled(name)) or _nearer(words, frequent, p_m, T_base_ee):
+            return {"names": name, "words": target_names(frequent)}
     return None
+
+
+def target_columns_not_used(sniffed: Sniffed, roles: Roles) -> Iterator[str]:
+    """Yield which columns are named after targets but not read as such, and why."""
+    for name in _free_columns(sniffed, roles):
+        frequent, share = _frequent(sniffed.words(name))
+        if not _names_target(sniffed.titled(name)) or len(frequent) < 2 or share < _SEVERAL:
+            continue
+        why = (
+            f"it names {len(frequent)} targets, and at most {_MOST_TARGETS} are taken for such"
+            if len(frequent) > _MOST_TARGETS
+            else f"{1.0 - share:.0%} of the rows name none, or one of fewer than {_LEAST_ROWS} rows"
+        )
+        yield (
+            f"target: {sniffed.titled(name)} is not taken for it, so all rows count as of one "
+            f"target: {why}; correct the file, or state target"
+        )
+
+
+def _free_columns(sniffed: Sniffed, roles: Roles) -> list[str]:
+    """Return the columns of words or whole numbers that have no role but that of labels."""
+    used = {*roles.joints, *roles.torques, *roles.uncertain.values(), *roles.times}
+    used |= {name for names in roles.positions.values() for name in names}
+    used |= {name for key, name in roles.single.items() if key != "pose"}
+    return [name for name in sniffed.texts if name not in used]
+
+
+def _names_target(title: str) -> bool:
+    """Return whether a column is named after targets, and not after their speed or the like."""
+    words = words_of_name(title)
+    return has_word(words, "one target") and not has_word(words, "no position")
+
+
+def _frequent(words: Sequence[str]) -> tuple[list[str], float]:
+    """Return the words of enough rows for a target, sorted, and the part of the rows with these."""
+    counts = Counter(word for word in words if word)
+    frequent = sorted(word for word, count in counts.items() if count >= _LEAST_ROWS)
+    return frequent, sum(counts[word] for word in frequent) / max(len(words), 1)
 
 
 def named_in_other_log(joints: Sniffed, file: str, readings: str) -> list[str]:
@@ -66,48 +120,70 @@ def named_in_other_log(joints: Sniffed, file: str, readings: str) -> list[str]:
         f"there: copy that column into {readings}, and run pa10cal columns again"
         for name in joints.names
         if has_word(words_of_name(joints.titled(name)), "one target")
-        and 2 <= len(set(joints.words(name))) <= _MOST
+        and 2 <= len(set(joints.words(name))) <= _MOST_TARGETS
     ]
 
 
-def label_endings(labels: Sequence[str], p: Array) -> list[str]:
-    """Return the endings of labels that name targets, at places p (N, 3); none where none do."""
+def label_endings(labels: Sequence[str], p: Array, arm: Array | None = None) -> list[str]:
+    """Return the endings of labels that name targets, sorted; none where none do.
+
+    Args:
+        labels: the label of each of N rows.
+        p: (N, 3) the position in each row.
+        arm: (N, k) joint positions, or numbers of the nominal end, in each row, where known.
+    """
     matches = [_ENDING.fullmatch(label) for label in labels]
-    split = [(match["pose"], match["ending"]) for match in matches if match is not None]
-    counts = Counter(ending for _, ending in split)
-    endings_of_pose: dict[str, set[str]] = {}
-    for pose, ending in split:
-        endings_of_pose.setdefault(pose, set()).add(ending)
-    if len(split) < _NEARLY_ALL * len(labels) or not 2 <= len(counts) <= _MOST:
+    frequent, share = _frequent([match["ending"] if match else "" for match in matches])
+    if share < _NEARLY_ALL or not 2 <= len(frequent) <= _MOST_TARGETS:
         return []
-    several = float(np.mean([len(endings) > 1 for endings in endings_of_pose.values()]))
-    if min(counts.values()) < _FEWEST or several < _SEVERAL or len(endings_of_pose) < _FEWEST:
+    named = [match is not None and match["ending"] in frequent for match in matches]
+    pose = np.array([match["pose"] if match else "" for match in matches])
+    rows = pd.DataFrame({"pose": pose, "ending": [m["ending"] if m else "" for m in matches]})
+    endings_of_pose = rows[named].groupby("pose")["ending"].nunique()
+    if len(endings_of_pose) < _LEAST_POSES or (endings_of_pose > 1).mean() < _SEVERAL:
         return []
-    # Endings may number repeats of one target instead, which lie at one place.
-    axes = list("xyz")
-    poses = [match["pose"] if match else "" for match in matches]
-    rows = pd.DataFrame(p, columns=axes).assign(pose=poses).dropna()
-    within = rows.groupby("pose")[axes].std().max(axis=1).median()
-    apart = float(within) > _APART * float(rows[axes].std().max())
-    return sorted(counts) if apart else []
+    # Endings may number repeats of one target instead, which lie at one place; or the places of a
+    # grid, as in R2_C5, between which the arm moves.
+    within, of_all = _scatter(p, pose, named)
+    if not within > _APART * of_all:
+        return []
+    if arm is not None:
+        arm_within, arm_of_all = _scatter(arm, pose, named)
+        if arm_within * of_all > _STILL * within * arm_of_all:
+            return []
+    return frequent
+
+
+def _scatter(values: Array, pose: NDArray[np.str_], rows: Sequence[bool]) -> tuple[float, float]:
+    """Return the largest scatter of values (N, k) in some rows: within a pose (median), of all."""
+    known = np.isfinite(values).all(axis=1) & rows
+    frame = pd.DataFrame(values[known])
+    within = frame.groupby(pose[known]).std().max(axis=1).median()
+    return float(within), float(frame.std().max())
 
 
 def labels_without_targets(sniffed: Sniffed, roles: Roles) -> dict[str, list[str]]:
     """Return columns of labels such as P1_A, by their name, without the endings of targets."""
+    if len(roles.positions) != 1:
+        return {}
+    (place,) = roles.positions.values()
+    p = sniffed.columns(place)
     bare: dict[str, list[str]] = {}
-    for name in sniffed.texts if len(roles.positions) == 1 else ():
-        (place,) = roles.positions.values()
-        if endings := label_endings(sniffed.words(name), sniffed.columns(place)):
-            stated = TargetOfRow(names=(name,), endings=dict.fromkeys(endings, "T1"))
-            bare[name] = [stated.of(word)[0] for word in sniffed.words(name)]
+    for name in sniffed.texts:
+        labels = sniffed.words(name)
+        if endings := label_endings(labels, p):
+            bare[name] = [without_ending(label, endings) for label in labels]
     return bare
 
 
-def _nearer(words: Sequence[str], p_m: Array, T_base_ee: Array | None) -> bool:
+def _nearer(
+    words: Sequence[str], targets: Sequence[str], p_m: Array, T_base_ee: Array | None
+) -> bool:
     """Return whether the nominal arm agrees much better if each word is a target of its own."""
     if T_base_ee is None:
         return False
     known = np.isfinite(p_m).all(axis=1) & np.isfinite(T_base_ee).all(axis=(1, 2))
+    known &= np.isin(words, targets)
     target, names = pd.factorize(np.array(words)[known])
     of_one = p_m[known][:, None]
     of_several = np.full((len(of_one), len(names), 3), np.nan)

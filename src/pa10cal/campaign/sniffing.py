@@ -93,6 +93,10 @@ class Sniffed:
             and len(np.unique(np.diff(values[np.isfinite(values)]))) <= 1
         }
 
+    def holds_numbers(self, name: str) -> bool:
+        """Return whether most fields of a column are numbers."""
+        return not _few_numbers(self.column(name))
+
     def titled(self, name: str) -> str:
         """Return a name with the unit that a line below the names gives it."""
         at = self.names.index(name)
