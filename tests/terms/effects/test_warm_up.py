@@ -9,6 +9,7 @@ from made_up_poses import context_of, states_of
 from pa10cal.errors import CalibrationError
 from pa10cal.files.arms import load_arm
 from pa10cal.terms.effects.effect import candidates
+from pa10cal.terms.effects.over_time import BaseDrift
 from pa10cal.terms.effects.warm_up import warm_ups
 
 ARM = load_arm("pa10_6ce")
@@ -56,3 +57,22 @@ def test_it_is_not_known_where_rows_tell_no_time(effects):
     untimed = replace(at_times([0.0]), timed=np.zeros(len(states_of(ARM)), dtype=bool))
     with pytest.raises(CalibrationError, match="time was not recorded"):
         effects[0].shift(untimed, X)
+
+
+def test_a_formula_has_unix_times_in_full():
+    """With six digits it would be off by an hour."""
+    span_s = (1764774322.5, 1764784322.25)
+    context = context_of(ARM, time_span_s=span_s)
+    for effect in (*warm_ups(context), BaseDrift("base", *span_s, waves=2)):
+        assert "(time_s - 1764774322.5)" in effect.formula
+    assert effect.formula.endswith("9999.75), time_s held at 1764774322.5 and 1764784322.25")
+
+
+def test_the_shortest_time_constant_sought_is_within_the_bounds_of_its_fit():
+    """As in a campaign of a week."""
+    span_s = 6e5
+    for effect in warm_ups(context_of(ARM, time_span_s=(0.0, span_s))):
+        sought = replace(effect, tau_s=300.0)
+        assert sought.varies_with == "time"
+        assert sought.tau.lower <= 300.0
+        assert effect.tau.lower == pytest.approx(1e-3 * span_s)

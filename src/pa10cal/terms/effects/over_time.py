@@ -50,12 +50,13 @@ class BaseDrift(Effect):
 
     @property
     def formula(self) -> str:
-        rate = f"base.x, base.y, base.z += rate (time_s - {self.start_s:g}) / 3600"
+        start = f"{self.start_s:.12g}"  # of Unix times six digits would be off by an hour
+        rate = f"base.x, base.y, base.z += rate (time_s - {start}) / 3600"
         if self.end_s is None:
             return rate
         return (
-            f"{rate} + sum of wave_k cos(k pi (time_s - {self.start_s:g}) / "
-            f"{self.end_s - self.start_s:g}), time_s held at {self.start_s:g} and {self.end_s:g}"
+            f"{rate} + sum of wave_k cos(k pi (time_s - {start}) / "
+            f"{self.end_s - self.start_s:g}), time_s held at {start} and {self.end_s:.12g}"
         )
 
     @classmethod

@@ -36,23 +36,24 @@ class WarmsUp(Effect):
 
     start_s: float  # time of the first reading
     span_s: float  # from there to the last one
-    tau_s: float  # time constant about which tau is fitted
+    tau_s: float  # time constant at which the fit of tau starts
+    varies_with = "time"
     depends_on = "time_s"
     role_in_search = "proposed"
     stays_with_arm = False
     linear = 1  # proportional to A; tau shapes it
 
     @classmethod
-    def times(cls, context: CandidateContext) -> tuple[float, float, float] | None:
-        """Return start, span and time constant; None where the campaign has no length."""
+    def start_span_and_tau(cls, context: CandidateContext) -> tuple[float, float, float] | None:
+        """Return start, span and time constant [s]; None where the campaign has no length."""
         first_s, last_s = context.time_span_s
         span_s = last_s - first_s
         return (first_s, span_s, _USUAL * span_s) if span_s > 0.0 else None
 
     @property
     def tau(self) -> TermParameter:
-        """Return the time constant as a parameter."""
-        low, high = _SHORTEST * self.span_s, _LONGEST * self.span_s
+        """Return the time constant as a parameter, within whose bounds the fit of it starts."""
+        low, high = min(_SHORTEST * self.span_s, self.tau_s), _LONGEST * self.span_s
         return TermParameter("tau", "s", _USUAL * self.span_s, lower=low, upper=high)
 
     @property
@@ -91,11 +92,11 @@ class WarmUp(WarmsUp, AtJoint):
         "the zero of {at} moved while the arm warmed up",
         "the zeros of {at} moved while the arm warmed up",
     )
-    words = "theta_{0.joint} -= A exp(-(time_s - {0.start_s:g}) / tau)"
+    words = "theta_{0.joint} -= A exp(-(time_s - {0.start_s:.12g}) / tau)"
 
     @classmethod
     def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
-        return cls.times(context)
+        return cls.start_span_and_tau(context)
 
     @property
     def reported(self) -> tuple[TermParameter, ...]:
@@ -116,12 +117,12 @@ class LinkWarmUp(WarmsUp):
     @classmethod
     def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
         """Return the growth of each long link."""
-        times = cls.times(context)
-        if times is None:
+        times_s = cls.start_span_and_tau(context)
+        if times_s is None:
             return ()
         links = motions_by_link(context.arm)
         return tuple(
-            cls(place, *times, *lengths_of(context.arm, links[row - 1]))
+            cls(place, *times_s, *lengths_of(context.arm, links[row - 1]))
             for place, row in zip(LONG_LINKS, long_links(context.arm), strict=False)
         )
 
@@ -129,7 +130,7 @@ class LinkWarmUp(WarmsUp):
     def formula(self) -> str:
         of_each = zip(self.lengths, self.directions.tolist(), strict=True)
         moved = ", ".join(f"{name} -= {share:.3g} A left" for name, share in of_each)
-        return f"{moved}, left = exp(-(time_s - {self.start_s:g}) / tau)"
+        return f"{moved}, left = exp(-(time_s - {self.start_s:.12g}) / tau)"
 
     @property
     def reported(self) -> tuple[TermParameter, ...]:
