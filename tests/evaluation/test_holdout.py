@@ -21,7 +21,11 @@ from pa10cal.discovery.preparation import MeasurementSetup
 from pa10cal.discovery.verdict_records import Extended
 from pa10cal.errors import CalibrationError
 from pa10cal.evaluation import carried_model as parts
-from pa10cal.evaluation.carried_model import with_enough_poses
+from pa10cal.evaluation.carried_model import (
+    base_steps_s,
+    with_enough_poses,
+    with_frames_refitted,
+)
 from pa10cal.evaluation.holdout import (
     Evaluation,
     base_motion_line,
@@ -33,6 +37,7 @@ from pa10cal.evaluation.model_errors import constant_tool_twist, held_out_errors
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.validity import AngleCoverage
+from pa10cal.observe.points import Points
 from pa10cal.results.evaluation import PartOfCampaign
 from pa10cal.terms.effects.joint import GearRatioError
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
@@ -115,6 +120,14 @@ def knocked(every):
     return every.with_measured(T_instr_target=np.where(late[:, None, None], T @ seen, seen))
 
 
+def with_targets(every, seen):
+    """Return readings as of targets, of which those in seen (P, B) were measured."""
+    p_m = np.where(seen[..., None], np.full(3, 0.5), np.nan)
+    names = tuple(map(str, range(seen.shape[1])))
+    measured = Points(names, p_m, p_m[..., None] * np.eye(3), None)
+    return replace(every, measured=measured)
+
+
 def elsewhere(carried, every):
     model, _, setup = carried
     return transfer_record(CAMPAIGN, "a", Evaluation(every, {"linear": model}, None, setup))
@@ -186,6 +199,41 @@ def test_the_parts_and_the_motion_between_them_are_recovered(carried, in_parts):
     true_mm = 1e3 * np.sqrt(np.mean(np.sum(by_m**2, axis=1)))
     assert second.moved_by_mm == pytest.approx(true_mm, abs=0.05)
     assert second.turned_by_mrad == pytest.approx(1e3 * np.linalg.norm(TURN_RAD), abs=0.05)
+
+
+@pytest.mark.parametrize("again", [(), (10,), (10, 80), range(0, 90, 2)])
+def test_a_step_is_found_however_many_poses_are_repeated(carried, again):
+    """A few are too few to show the noise of readings."""
+    every = knocked(carried[1])
+    grid = np.flatnonzero(every.kind == "grid")
+    rows = np.sort(np.append(np.arange(POSES), grid[list(again)])) if again else np.arange(POSES)
+    time_s, seen = every.states.time_s[rows], every.measured.T_instr_target[rows].copy()
+    second = np.flatnonzero(np.diff(rows) == 0) + 1
+    time_s[second] += 1e-3
+    rng = np.random.default_rng(2)
+    seen[second, :3, 3] += 5e-5 * rng.standard_normal((len(second), 3))
+    turn_rad = 2e-4 * rng.standard_normal((len(second), 3))
+    seen[second, :3, :3] @= Rotation.from_rotvec(turn_rad).as_matrix()
+    every = every.take(rows)
+    every = every.with_states(replace(every.states, time_s=time_s))
+    every = every.with_measured(T_instr_target=seen)
+    (step_s,) = base_steps_s(with_frames_refitted(carried[0], every, carried[2]))
+    knocked_s = carried[1].states.time_s[KNOCKED_AT - 1 : KNOCKED_AT + 1]
+    assert knocked_s[0] - 5.0 <= step_s <= knocked_s[1] + 5.0, (step_s, knocked_s)
+
+
+def test_repeats_scatter_by_the_noise_of_single_readings(carried):
+    """Readings that are repeated by none, and components of one reading alone, are left out."""
+    rng, rows = np.random.default_rng(6), np.tile(np.arange(80), 3)
+    seen = np.ones((240, 2), dtype=bool)
+    seen[80:, 1], seen[140:160], seen[220:] = np.arange(160) % 80 >= 20, False, False
+    every = with_targets(carried[1].take(rows), seen)
+    of_pose = 0.1 * rng.standard_normal((80, 6))
+    residuals = of_pose[rows] + 1e-3 * rng.standard_normal((240, 6))
+    found, deviations = parts._deviations_of_repeats(every, residuals)
+    assert set(found) == {*range(20, 60), *range(80, 140), *range(160, 220)}
+    known = deviations[every.measured.components_seen[found]]
+    assert np.sqrt(np.mean(known**2)) == pytest.approx(1e-3, rel=0.1)
 
 
 def test_rows_in_the_order_of_their_angles_are_not_cut(carried):
@@ -305,6 +353,14 @@ def test_one_base_is_judged_where_the_poses_of_a_part_do_not_identify_its_own(
 def test_a_part_with_too_few_poses_joins_its_neighbour(carried, steps, cuts):
     times_s = carried[1].states.time_s
     assert with_enough_poses(carried[1], times_s[list(steps)]) == tuple(times_s[list(cuts)])
+
+
+def test_components_of_all_readings_of_a_pose_count_for_a_part(carried):
+    seen = np.ones((2 * POSES, 2), dtype=bool)
+    seen[::2] = False
+    every = with_targets(carried[1].take(np.repeat(np.arange(POSES), 2)), seen)
+    times_s = carried[1].states.time_s[[60, 30]]
+    assert with_enough_poses(every, times_s) == tuple(times_s[::-1])
 
 
 def judged_with_map(carried, knots):

@@ -32,7 +32,12 @@ from pa10cal.discovery.loose_targets import knocked_targets, loose_targets
 from pa10cal.discovery.model_with_effects import ModelWithEffects, with_base_motion
 from pa10cal.discovery.nameless import nameless_effects
 from pa10cal.discovery.no_harm import limits, only_within, worse_than
-from pa10cal.discovery.noise import mean_covariance, noise_of_near_poses, repeated
+from pa10cal.discovery.noise import (
+    enough_repeats,
+    mean_covariance,
+    noise_of_near_poses,
+    repeated,
+)
 from pa10cal.discovery.position_errors import mean_noise_error_mm
 from pa10cal.discovery.preparation import MeasurementSetup, Prepared, complete, context_of, prepared
 from pa10cal.discovery.proposals import with_lines_named, with_proposals
@@ -330,9 +335,7 @@ def _by_scorer(campaign: Prepared, model: FittedModel) -> Verdict:
 
 def judged_by_blocks(readings: Observations) -> bool:
     """Return whether effects are judged by held-out blocks of poses, and not by repeats."""
-    repeats = repeated(readings)
-    least = max(NOISE.least_differences, NOISE.least_repeated_share * len(readings))
-    return len(readings) >= LEAST_FOR_BLOCKS and repeats < least
+    return len(readings) >= LEAST_FOR_BLOCKS and not enough_repeats(readings)
 
 
 # Campaigns in which effects cannot be sought, and why.

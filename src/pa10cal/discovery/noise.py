@@ -264,6 +264,12 @@ def repeated(readings: Observations) -> int:
     return len(_pairs(readings)[0])
 
 
+def enough_repeats(readings: Observations) -> bool:
+    """Return whether so many readings are repeats that these show the noise of all."""
+    least = max(NOISE.least_differences, NOISE.least_repeated_share * len(readings))
+    return repeated(readings) >= least
+
+
 def repeat_groups(readings: Observations) -> Index:
     """Return the number (P,), from 0, of each reading's group, within which readings are repeats.
 
