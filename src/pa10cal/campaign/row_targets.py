@@ -156,7 +156,7 @@ def label_endings(labels: Sequence[str], p: Array, arm: Array | None = None) -> 
 
 def _scatter(values: Array, pose: NDArray[np.str_], rows: Sequence[bool]) -> tuple[float, float]:
     """Return the largest scatter of values (N, k) in some rows: within a pose (median), of all."""
-    known = np.isfinite(values).all(axis=1) & rows
+    known = np.isfinite(values).all(axis=1) & np.asarray(rows)
     frame = pd.DataFrame(values[known])
     within = frame.groupby(pose[known]).std().max(axis=1).median()
     return float(within), float(frame.std().max())
