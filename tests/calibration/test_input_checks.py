@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -23,6 +25,7 @@ from pa10cal.errors import CalibrationError
 from pa10cal.files.arms import load_arm
 from pa10cal.results.calibration import InputFinding
 
+EXAMPLES = Path(__file__).parents[2] / "examples"
 TOUCHED, LOG = "cmm.csv.gz", "resolver.csv.gz"
 
 
@@ -90,6 +93,31 @@ def test_the_convention_of_attitudes_is_named(tmp_path, robot, change, says):
     (found,) = findings(folder)
     assert found.kind == "attitude_convention"
     assert says in found.what
+
+
+@pytest.mark.parametrize("word", ["euler_XYZ", "euler_ZYX", "euler_ZYZ", "rotation_vector"])
+def test_numbers_that_another_convention_does_not_return_are_named(tmp_path, word):
+    """Of two sets of angles, and of vectors whole turns apart, the file may hold either."""
+    folder = shutil.copytree(EXAMPLES / "ur10-pose", tmp_path / "c")
+    text = (folder / "campaign.yaml").read_text("utf-8")
+    text = text.replace("convention: euler_XYZ", f"convention: {word}")
+    (folder / "campaign.yaml").write_text(text, "utf-8")
+    remedies = [found.remedy for found in findings(folder)]
+    expected = "set columns.poses.rotation.convention: euler_XYZ"
+    assert remedies == ([] if word == "euler_XYZ" else [expected])
+
+
+def scrambled(table):
+    numbers = np.array(table.numbers(QUATERNION))
+    table.put(QUATERNION, np.random.default_rng(0).permutation(numbers))
+
+
+def test_orientations_that_agree_in_no_convention_are_told(tmp_path):
+    folder = simulated(tmp_path / "c", "ur10", "pose", poses=40)
+    mend(folder, "poses.csv", scrambled)
+    (found,) = findings(folder)
+    assert found.kind == "attitude_convention"
+    assert "in every convention that is known" in found.what
 
 
 @pytest.mark.slow

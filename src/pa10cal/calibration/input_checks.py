@@ -30,6 +30,7 @@ from pa10cal.calibration.rules import CHECKS
 from pa10cal.campaign.column_map import ColumnMap
 from pa10cal.campaign.conventions import EXPECTED_M, STILL_WRONG, better_convention, puts_right
 from pa10cal.campaign.description import CampaignDescription
+from pa10cal.campaign.nominal_fit import misfit_of
 from pa10cal.campaign.raw_file import words_of
 from pa10cal.campaign.target_labels import exchange_text, stated_order, stated_shape
 from pa10cal.errors import Pa10calError
@@ -84,6 +85,7 @@ def check_input(
         signs_and_order,
         joint_zeros,
         joints_without_motion,
+        _attitudes_in_no_convention,
         _gravity_by_torques,
         small_signs,
         small_screws,
@@ -135,11 +137,37 @@ def _attitudes(checked: CheckedCampaign) -> InputFinding | None:
         return None
     return InputFinding(
         kind="attitude_convention",
-        where=words.column("qw") if "qw" in words else "qw, qx, qy, qz",
+        where=_columns_of_attitude(checked),
         what=f"the orientations are {np.degrees(better.scatter_rad):.0f} deg off the nominal arm, "
         f"and {np.degrees(better.would_leave_rad):.2g} deg if they are {better.name}",
         remedy=better.remedy,
     )
+
+
+def _attitudes_in_no_convention(checked: CheckedCampaign) -> InputFinding | None:
+    """Find orientations that no position of base and target brings near the nominal arm.
+
+    Neither does a convention that is known, nor another sign or order of joints.
+    """
+    measured = checked.grid.measured
+    if measured.attitudes is None or measured.from_touches:
+        return None
+    T_base_ee = Chain.of(checked.arm).forward(checked.grid.states.q_rad)
+    misfit = misfit_of(measured, T_base_ee)
+    off_rad = 0.0 if misfit is None else float(np.median(misfit.turn_rad))
+    if off_rad < CHECKS.attitude_off_rad:
+        return None
+    return InputFinding(
+        kind="attitude_convention",
+        where=_columns_of_attitude(checked),
+        what=f"half of the orientations are {np.degrees(off_rad):.0f} deg or more off the nominal "
+        "arm, in every convention that is known",
+        remedy="check which columns hold the orientation, of which frame in which, and the joints",
+    )
+
+
+def _columns_of_attitude(checked: CheckedCampaign) -> str:
+    return checked.words.column("qw") if "qw" in checked.words else "qw, qx, qy, qz"
 
 
 def _scale(checked: CheckedCampaign) -> InputFinding | None:

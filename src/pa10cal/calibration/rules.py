@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
 from scipy.special import ndtri
 
 
@@ -124,6 +125,8 @@ class Checks:
     about_scale: float = 1.3  # how far about a first estimate the factor is looked for (computing)
     # misfit of the nominal arm, base and target fitted, that no departures explain [m] (size)
     not_departures_m: float = 0.01
+    # median angle of the orientations off it that none of an arm explains (size)
+    attitude_off_rad: float = float(np.radians(20.0))
     # part of the misfit of the nominal arm that a change must leave at most (trials)
     nominal_left_share: float = 1.0 / 3.0
     calibrated_left_share: float = 0.4  # part of that of a calibrated one (trials)

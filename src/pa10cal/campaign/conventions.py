@@ -49,6 +49,8 @@ AGREES_RAD = TIMES_EXPECTED * EXPECTED_RAD
 NEARER = 5.0
 #: Rows that a convention needs, and rows that are used, at most.
 ENOUGH, MOST = 6, 200
+#: Poses whose orientation is tried as that with which the others agree, at most.
+_STARTS = 10
 #: A factor of lengths is sought where it differs from 1 by at least this.
 _ANOTHER_SCALE = 0.01
 
@@ -102,7 +104,10 @@ def better_convention(
         return None
     others = _of_the_contract(R) if stated is None else _of_own_columns(R, stated, key)
     tried = [
-        Convention(other.name, other.remedy, as_read_rad, attitude_scatter(R_ee, other.R))
+        Convention(
+            *(other.name, other.remedy, as_read_rad),
+            attitude_scatter(R_ee, _agreeing(R_ee, other.R)),
+        )
         for other in others
     ]
     # Of equal scatters the first, which is the commonest convention.
@@ -117,7 +122,43 @@ class _Meant(NamedTuple):
 
     name: str  # in words
     remedy: str
-    R: Array  # (P, 3, 3) the orientations, if so
+    # (S, P, 3, 3) the orientations, if so, by each set of numbers that gives those that were read
+    R: Array
+
+
+def _agreeing(R_instr_ee: Array, R_sets: Array) -> Array:
+    """Return of each pose that of its orientations (S, P, 3, 3) which agrees with other poses'.
+
+    Orientations agree whose target on the end (P, 3, 3) has about the same orientation.
+    """
+    if len(R_sets) == 1:
+        return np.asarray(R_sets[0])
+    R_ee_target = np.swapaxes(R_instr_ee, 1, 2) @ R_sets
+    poses = np.arange(R_sets.shape[1])
+    starts = R_ee_target[:, spread(len(poses), _STARTS)].reshape(-1, 3, 3)
+    likeness = np.einsum("kij,spij->ksp", starts, R_ee_target)  # it grows as the angle falls
+    best = np.argmax(np.median(likeness.max(axis=1), axis=1))
+    return np.asarray(R_sets[np.argmax(likeness[best], axis=0), poses])
+
+
+def _sets_of_angles(rotation: Rotation, axes: str) -> Array:
+    """Return both sets of Euler angles (2, P, 3) [deg] of rotations; small letters: fixed axes."""
+    sequence = cast("EulerSequence", axes)
+    first = rotation.as_euler(sequence, degrees=True, suppress_warnings=True)
+    middle = -first[:, 1] if axes[0] == axes[2] else 180.0 - first[:, 1]
+    second = np.column_stack([first[:, 0] + 180.0, middle, first[:, 2] + 180.0])
+    return np.stack([first, (second + 180.0) % 360.0 - 180.0])
+
+
+def _sets_of_vectors(rotation: Rotation) -> Array:
+    """Return rotation vectors (4, P, 3) [deg] of rotations: the shortest, and whole turns longer.
+
+    Three numbers of up to a turn each are at most two turns long.
+    """
+    shortest = rotation.as_rotvec(degrees=True)
+    length = np.linalg.norm(shortest, axis=1, keepdims=True)
+    axis = np.divide(shortest, length, out=np.zeros_like(shortest), where=length > 0.0)
+    return np.stack([shortest + turns * 360.0 * axis for turns in (0, -1, 1, -2)])
 
 
 def _of_the_contract(R: Array) -> Iterator[_Meant]:
@@ -130,25 +171,26 @@ def _of_the_contract(R: Array) -> Iterator[_Meant]:
         columns = [order.index(component) for component in range(4)]
         other = Rotation.from_quat(quaternion[:, columns], scalar_first=True)
         name = f"quaternions in the order {held} under the headers qw, qx, qy, qz"
-        return _Meant(name, f"rename the columns: they hold {held}", other.as_matrix())
+        return _Meant(name, f"rename the columns: they hold {held}", other.as_matrix()[None])
 
     def mistaken() -> Iterator[_Meant]:
         yield from map(ordered, ((1, 2, 3, 0), (3, 0, 1, 2)))
         for made, meant in product(SEQUENCES, repeat=2):
             if meant != made:
-                angles = Rotation.from_matrix(R).as_euler(made, suppress_warnings=True)
+                angles = _sets_of_angles(Rotation.from_matrix(R), made)
                 name = f"Euler angles {_sequence(meant)}, converted as {_sequence(made)}"
                 remedy = f"convert them to quaternions as angles {_sequence(meant)}"
-                yield _Meant(name, remedy, Rotation.from_euler(meant, angles).as_matrix())
+                other = Rotation.from_euler(meant, angles.reshape(-1, 3), degrees=True)
+                yield _Meant(name, remedy, other.as_matrix().reshape(2, -1, 3, 3))
 
     yield _Meant(
         "the inverse rotation (instrument in target)",
         "convert the orientations from target in instrument to instrument in target, or back",
-        np.swapaxes(R, 1, 2),
+        np.swapaxes(R, 1, 2)[None],
     )
     for name, remedy, other in mistaken():
         yield _Meant(name, remedy, other)
-        yield _Meant(f"{name}, inverted", f"{remedy}, and invert them", np.swapaxes(other, 1, 2))
+        yield _Meant(f"{name}, inverted", f"{remedy}, and invert them", np.swapaxes(other, 2, 3))
     for axes in list(permutations((1, 2, 3)))[1:]:
         yield ordered((0, *axes))
 
@@ -160,16 +202,17 @@ def _of_own_columns(R: Array, stated: RotationColumns, key: str) -> Iterator[_Me
     words = {3: THREE, 4: FOUR}.get(len(stated.names), (stated.convention,))
     rotation, read_as = Rotation.from_matrix(R), stated.convention
     rotation = rotation.inv() if stated.inverse else rotation
-    # The numbers (P, k) in the columns, angles in degrees.
+    # Sets of numbers (S, P, k) of which one is in the columns, angles in degrees.
     if read_as == "matrix":
-        values = rotation.as_matrix().reshape(-1, 9)
+        values = rotation.as_matrix().reshape(1, -1, 9)
     elif read_as.startswith("quaternion"):
-        values = rotation.as_quat(scalar_first=read_as.endswith("wxyz"))
+        values = rotation.as_quat(scalar_first=read_as.endswith("wxyz"))[None]
     elif read_as == "rotation_vector":
-        values = rotation.as_rotvec(degrees=True)
-    else:  # as in SciPy, small letters are fixed axes
-        axes = cast("EulerSequence", "xyz" if read_as == "rpy" else read_as.rpartition("_")[2])
-        values = rotation.as_euler(axes, degrees=True, suppress_warnings=True)
+        values = _sets_of_vectors(rotation)
+    else:
+        axes = "xyz" if read_as == "rpy" else read_as.rpartition("_")[2]
+        values = _sets_of_angles(rotation, axes)
+    count, poses, width = values.shape
     for inverse in (stated.inverse, not stated.inverse):
         for word in (read_as, *words):
             if (word, inverse) == (read_as, stated.inverse):
@@ -182,8 +225,10 @@ def _of_own_columns(R: Array, stated: RotationColumns, key: str) -> Iterator[_Me
             if inverse != stated.inverse:
                 named.append("the inverse rotation" + " (instrument in target)" * inverse)
                 remedy.append(f"set {key}.inverse: {str(inverse).lower()}")
-            other = quaternions(np.asarray(values), stated.model_copy(update=changed))
+            columns = stated.model_copy(update=changed)
+            other = quaternions(values.reshape(-1, width), columns)
             R_other = Rotation.from_quat(other, scalar_first=True).as_matrix()
+            R_other = R_other.reshape(count, poses, 3, 3)
             yield _Meant(", and ".join(named), " and ".join(remedy), R_other)
 
 

@@ -61,17 +61,24 @@ def nominal_places(T_base_ee: Array, p_m: Array) -> Array | None:
     Targets (P, B, 3) were measured at p_m, nan where not seen. None where the poses (P, 4, 4) do
     not determine base and targets.
     """
-    if len(p_m) < LEAST_POSES:
-        return None
+    located = None if len(p_m) < LEAST_POSES else placed_at_least_distances(T_base_ee, p_m)
+    return None if located is None else located.targets(T_base_ee)[..., :3, 3]
+
+
+def placed_at_least_distances(T_base_ee: Array, p_m: Array) -> Located | None:
+    """Return base and targets fitted to positions (P, B, 3) [m] for the least sum of distances.
+
+    None where the poses (P, 4, 4) do not determine them.
+    """
     used = drawn(len(p_m), FITTED_ROWS)
     weights = np.ones(len(used))
     for _ in range(FITS_OF_POINTS):
         located = placed_by_points(T_base_ee[used], p_m[used], weights)
         if located is None:
             return None
-        modelled: Array = located.targets(T_base_ee)[..., :3, 3]
-        weights = 1.0 / np.maximum(misfit_mm(p_m[used], modelled[used]), 1.0)
-    return modelled
+        modelled_m = located.targets(T_base_ee[used])[..., :3, 3]
+        weights = 1.0 / np.maximum(misfit_mm(p_m[used], modelled_m), 1.0)
+    return located
 
 
 def placed_by_points(
