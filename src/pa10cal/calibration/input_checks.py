@@ -28,9 +28,14 @@ from pa10cal.calibration.log_changes import CHECK_ALL
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.calibration.rules import CHECKS
 from pa10cal.campaign.column_map import ColumnMap
-from pa10cal.campaign.conventions import EXPECTED_M, STILL_WRONG, better_convention, puts_right
+from pa10cal.campaign.conventions import (
+    EXPECTED_M,
+    STILL_WRONG,
+    attitudes_off_rad,
+    better_convention,
+    puts_right,
+)
 from pa10cal.campaign.description import CampaignDescription
-from pa10cal.campaign.nominal_fit import misfit_of
 from pa10cal.campaign.raw_file import words_of
 from pa10cal.campaign.target_labels import exchange_text, stated_order, stated_shape
 from pa10cal.errors import Pa10calError
@@ -152,9 +157,7 @@ def _attitudes_in_no_convention(checked: CheckedCampaign) -> InputFinding | None
     measured = checked.grid.measured
     if measured.attitudes is None or measured.from_touches:
         return None
-    T_base_ee = Chain.of(checked.arm).forward(checked.grid.states.q_rad)
-    misfit = misfit_of(measured, T_base_ee)
-    off_rad = 0.0 if misfit is None else float(np.median(misfit.turn_rad))
+    off_rad = attitudes_off_rad(measured, Chain.of(checked.arm).forward(checked.grid.states.q_rad))
     if off_rad < CHECKS.attitude_off_rad:
         return None
     return InputFinding(

@@ -404,6 +404,15 @@ def attitude_scatter(R_instr_ee: Array, R_instr_target: Array) -> float:
     return float(np.sqrt(np.mean(off**2)))
 
 
+def attitudes_off_rad(measured: Instrument, T_base_ee: Array) -> float:
+    """Return the median angle of orientations off the nominal end (P, 4, 4), base and target fitted.
+
+    0 where the poses do not determine these.
+    """
+    misfit = misfit_of(measured, T_base_ee)
+    return 0.0 if misfit is None else float(np.median(misfit.turn_rad))
+
+
 def other_scale(
     measured: Instrument, T_base_ee: Array, misfit: Misfit
 ) -> tuple[float, float] | None:
