@@ -405,7 +405,7 @@ def attitude_scatter(R_instr_ee: Array, R_instr_target: Array) -> float:
 
 
 def attitudes_off_rad(measured: Instrument, T_base_ee: Array) -> float:
-    """Return the median angle of orientations off the nominal end (P, 4, 4), base and target fitted.
+    """Return the median angle of orientations off the nominal end (P, 4, 4), frames fitted.
 
     0 where the poses do not determine these.
     """
