@@ -62,6 +62,8 @@ def test_a_load_that_was_left_out_is_not_missing(spoiled):
     rows = tabulate_paper_against_ours(spoiled).data.to_dict("records")
     ours = [row["ours"] for row in rows if "at this load alone" in row["remark"]]
     assert [value == "not computed" for value in ours] == 3 * [False, True, False]
+    fell = [row["ours"] for row in rows if row["quantity"].startswith("reduction of the mean")]
+    assert [value == "not computed" for value in fell] == [False, True, False]
 
 
 def test_the_general_model_stands_beside_the_papers_or_alone(results, sighted):

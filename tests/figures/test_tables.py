@@ -6,12 +6,14 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
 from made_up_results import elsewhere
 from pa10cal.command_settings import PictureOptions
 from pa10cal.figures import published
 from pa10cal.figures.campaign import paper_against_ours
+from pa10cal.figures.registry import NothingToShowError
 from pa10cal.figures.table import ResultTable, figures, frame_of, write_table
 from pa10cal.reports.blocks import grid
 from pa10cal.reports.formatting import parameter_with_interval, sentence, sized, with_half_width
@@ -168,12 +170,44 @@ class TestPaperAgainstOurs:
             300: {"mean_mm": 0.1985},
             700: {"mean_mm": 0.193, "rejected_positions": 91},
         }.items():
+            changes["half_width95_positions_mm"] = 0.002
             source = changed_from(source, f"montecarlo/z{plane_mm}.json", partial(update, changes))
         rows, name = against(source), "Monte Carlo mean, difference of a parallel plane"
         assert "reproduce" not in one(rows, name, "z = 300 mm")["remark"]
         remark = one(rows, name, "z = 700 mm")["remark"]
         assert remark.startswith("does not reproduce: the ring of positions is cut")
         assert "91 positions" in remark
+
+    def test_a_difference_of_planes_within_its_interval_is_no_contradiction(
+        self, results, changed_from
+    ):
+        change = partial(update, {"mean_mm": 0.3, "half_width95_positions_mm": 0.02})
+        name = "Monte Carlo mean, difference of a parallel plane"
+        for other_mm, says in ((0.31, False), (0.34, True)):
+            source = changed_from(results, "montecarlo/z*.json", change)
+            other = partial(update, {"mean_mm": other_mm})
+            source = changed_from(source, "montecarlo/z700.json", other)
+            remark = one(against(source), name, "z = 700 mm")["remark"]
+            assert ("does not reproduce" in remark) == says
+
+    @pytest.mark.parametrize(("mean_mm", "says"), [(1.0, True), (1e-6, False)])
+    def test_only_a_smaller_scatter_of_repeats_is_so_many_times_less(
+        self, results, changed_from, mean_mm, says
+    ):
+        change = partial(update, {"mean_mm": mean_mm})
+        rows = against(changed_from(results, "montecarlo/z500.json", change))
+        remark = one(rows, "Monte Carlo mean position error", "z = 500 mm")["remark"]
+        assert "repeats scatter by" in remark
+        assert ("times less" in remark) == says
+
+    def test_repeats_that_do_not_scatter_are_not_infinitely_better(self, results):
+        scatter = pd.DataFrame({"largest": 0.0, "mean": 0.0, "largest_per_axis": 0.0}, ["0N"])
+        (first, *_) = paper_against_ours._monte_carlo_rows(results, scatter)
+        assert first.remark.endswith("repeats scatter by 0.00 mm on average")
+
+    def test_is_made_of_the_papers_arm_only(self, results):
+        with pytest.raises(NothingToShowError, match="not the paper's"):
+            against(elsewhere(results, robot="other"))
 
     def test_the_evaluated_calibration_is_named(self, results, changed_from):
         change = partial(update, {"calibration": "22N"})
@@ -252,6 +286,18 @@ class TestTableOne:
         )
         assert row["ours"] == "(0.000 ± 0.000)e0"
         assert row["remark"].endswith("at its bound; not identifiable from the poses")
+
+    def test_an_uncertainty_that_is_not_known_is_not_zero(self, results, changed_from):
+        def unknown(record):
+            record["parameters"]["K_lin_2"]["std"] = None
+
+        source = changed_from(results, "calibration/combined.json", unknown)
+        row = one(against(source), "K_lin", "joint 2")
+        assert "±" not in row["ours"] + row["remark"]
+        table = paper_against_ours.tabulate_table1_parameters(source).shown[0]
+        cells = frame_of(table.header, table.rows)["K_lin [kN m/rad]"]
+        assert "±" not in cells[1]
+        assert "±" in cells[2]
 
     def test_leaves_the_paper_out_for_another_arm(self, results):
         table = paper_against_ours.tabulate_table1_parameters(elsewhere(results, robot="other"))

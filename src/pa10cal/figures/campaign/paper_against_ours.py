@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Hashable, Iterator, Mapping
 from typing import NamedTuple
 
 import pandas as pd
@@ -11,12 +11,12 @@ import pandas as pd
 from pa10cal.figures import published
 from pa10cal.figures.campaign.paper_figures import places, scatter_by_load
 from pa10cal.figures.published import SOURCES, is_of_papers_arm, reduction_percent
-from pa10cal.figures.registry import picture
+from pa10cal.figures.registry import NothingToShowError, picture
 from pa10cal.figures.table import ResultTable, figures, frame_of
 from pa10cal.reports.blocks import Grid, grid
-from pa10cal.reports.formatting import KINDS, display_name, written_load
+from pa10cal.reports.formatting import KINDS, ParameterKind, display_name, written_load
 from pa10cal.reports.results_bundle import COMBINED, ResultsBundle
-from pa10cal.results.calibration import PaperCalibrationRecord
+from pa10cal.results.calibration import CalibratedParameter, PaperCalibrationRecord
 from pa10cal.results.evaluation import Accuracy, HeldOutModel
 
 NOT_MEASURED = "not measured"
@@ -27,11 +27,22 @@ _NOTES = (
     "ours: from this campaign alone; the arm of a synthetic campaign is not the one that the "
     "authors measured.",
 )
-#: Errors that the paper states: name, unit, digits of a mean over grid poses, key, and source.
+
+
+class _Error(NamedTuple):
+    """An error that the paper states."""
+
+    name: str
+    unit: str
+    digits: str  # format of the paper's value over grid poses
+    key: str  # of records
+    source: str  # where in the paper it stands over grid poses, by its key in `SOURCES`
+
+
 _ERRORS = (
-    ("mean position error", "mm", ".2f", "mean_mm", "before_after"),
-    ("peak position error", "mm", ".2f", "peak_mm", "before_after"),
-    ("mean orientation error", "deg", "g", "orientation_deg", "orientation"),
+    _Error("mean position error", "mm", ".2f", "mean_mm", "before_after"),
+    _Error("peak position error", "mm", ".2f", "peak_mm", "before_after"),
+    _Error("mean orientation error", "deg", "g", "orientation_deg", "orientation"),
 )
 
 
@@ -60,7 +71,15 @@ shows that the method is implemented as published; it says nothing about the rob
 """,
 )
 def tabulate_paper_against_ours(results: ResultsBundle) -> ResultTable:
-    """Return the paper's values with ours, in `_COLUMNS`."""
+    """Return the paper's values with ours, in `_COLUMNS`.
+
+    Raises:
+        RecordError: when the calibration is not of the paper's model.
+        NothingToShowError: when the arm is not the paper's.
+    """
+    results.paper_calibration()  # of another model there is none
+    if not is_of_papers_arm(results):
+        raise NothingToShowError("the arm is not the paper's")
     scatter = scatter_by_load(places(results))
     rows = [
         *_grid_rows(results, scatter),
@@ -84,30 +103,51 @@ def _grid_rows(results: ResultsBundle, scatter: pd.DataFrame) -> Iterator[_Row]:
         "nominal rigid model, base frame fitted once to the positions at "
         f"{min(combined.loads_fitted):g} N"
     )
-    for name, unit, digits, key, source in _ERRORS:
+    for error in _ERRORS:
         for when, stated, ours, remark in (
             ("before calibration", published.BEFORE, before, alignment),
             ("after calibration", published.AFTER, alone, "calibrated at this load alone"),
             ("after calibration", published.AFTER, together, "one calibration of all loads"),
         ):
             for load, of in stated.items():
-                paper, found = f"{getattr(of, key):{digits}}", _measured(ours.get(load), key)
+                found = _measured(ours.get(load), error.key)
                 if load in together and load not in ours:  # too few poses for a fit of their own
                     found = NOT_COMPUTED
-                at = written_load(load)
-                yield _Row(f"{name} {when}", at, unit, paper, found, source, remark)
-    for load, limit_mm in published.REPEATABILITY_MM.items():
-        found, remark = NOT_MEASURED, "no configuration was measured more than once"
-        if load not in together:
-            remark = "this load was not measured"
-        elif load in scatter.index:
-            largest, mean, found = map(_three_figures, scatter.loc[load])
-            remark = (
-                "along one axis, largest configuration: the paper's is that of a scalar error; "
-                f"three axes together {largest}, mean over the configurations {mean}"
-            )
-        quantity, at = "standard deviation within one configuration", written_load(load)
-        yield _Row(quantity, at, "mm", f"≤ {limit_mm}", found, "repeatability", remark)
+                yield _Row(
+                    quantity=f"{error.name} {when}",
+                    condition=written_load(load),
+                    unit=error.unit,
+                    paper=f"{getattr(of, error.key):{error.digits}}",
+                    ours=found,
+                    source=error.source,
+                    remark=remark,
+                )
+    scatter_mm = scatter.to_dict("index")
+    for load in published.REPEATABILITY_MM:
+        yield _scatter_row(load, scatter_mm.get(load), measured=load in together)
+
+
+def _scatter_row(load: str, scatter_mm: Mapping[Hashable, float] | None, *, measured: bool) -> _Row:
+    """Return the row of the scatter within one configuration at a load; None for no repeats."""
+    found, remark = NOT_MEASURED, "no configuration was measured more than once"
+    if not measured:
+        remark = "this load was not measured"
+    elif scatter_mm is not None:
+        found = _three_figures(scatter_mm["largest_per_axis"])
+        remark = (
+            "along one axis, largest configuration: the paper's is that of a scalar error; "
+            f"three axes together {_three_figures(scatter_mm['largest'])}, "
+            f"mean over the configurations {_three_figures(scatter_mm['mean'])}"
+        )
+    return _Row(
+        quantity="standard deviation within one configuration",
+        condition=written_load(load),
+        unit="mm",
+        paper=f"≤ {published.REPEATABILITY_MM[load]}",
+        ours=found,
+        source="repeatability",
+        remark=remark,
+    )
 
 
 def _held_out_rows(results: ResultsBundle) -> Iterator[_Row]:
@@ -115,10 +155,16 @@ def _held_out_rows(results: ResultsBundle) -> Iterator[_Row]:
     held_out = results.sound_held_out()
     for name, stated in published.HELD_OUT.items():
         model = held_out.models.get(name)
-        for quantity, unit, _, key, _ in _ERRORS:
-            remark = _twist_remark(results, model) if model and unit == "deg" else ""
-            paper, ours = f"{getattr(stated, key):g}", _measured(model, key)
-            yield _Row(f"{quantity}, held out", name, unit, paper, ours, "held_out", remark)
+        for error in _ERRORS:
+            yield _Row(
+                quantity=f"{error.name}, held out",
+                condition=name,
+                unit=error.unit,
+                paper=f"{getattr(stated, error.key):g}",
+                ours=_measured(model, error.key),
+                source="held_out",
+                remark=_twist_remark(results, model) if model and error.unit == "deg" else "",
+            )
 
 
 def _twist_remark(results: ResultsBundle, model: HeldOutModel) -> str:
@@ -154,10 +200,9 @@ def _monte_carlo_rows(results: ResultsBundle, scatter: pd.DataFrame) -> Iterator
         between = f"within a position; between positions {_three_figures(plane.std_between_mm)}"
         if len(scatter):
             scatter_mm = scatter["mean"].max()
-            systematic += (
-                f"; repeats scatter by {_three_figures(scatter_mm)} mm on average, "
-                f"{_three_figures(plane.mean_mm / scatter_mm)} times less"
-            )
+            systematic += f"; repeats scatter by {_three_figures(scatter_mm)} mm on average"
+            if 0.0 < scatter_mm < plane.mean_mm:
+                systematic += f", {_three_figures(plane.mean_mm / scatter_mm)} times less"
     paper_mm = published.MONTE_CARLO_MEAN_MM, published.MONTE_CARLO_STD_MM
     quantity = "Monte Carlo mean position error"
     yield _Row(quantity, at, "mm", paper_mm[0], mean, source, systematic)
@@ -167,11 +212,13 @@ def _monte_carlo_rows(results: ResultsBundle, scatter: pd.DataFrame) -> Iterator
         if plane is not None and (other := planes.get(z_mm)) is not None:
             apart_mm = abs(other.mean_mm - plane.mean_mm)
             ours = f"{apart_mm:.4f}"
-            remark = (
-                "95 % interval of each mean for the choice of positions: "
-                f"± {other.half_width95_positions_mm:.4f}"
+            by_choice_mm = math.hypot(
+                other.half_width95_positions_mm, plane.half_width95_positions_mm
             )
-            if apart_mm >= published.MONTE_CARLO_PLANES_DIFFER_MM:
+            remark = (
+                f"95 % interval of the difference for the choice of positions: ± {by_choice_mm:.4f}"
+            )
+            if apart_mm >= max(published.MONTE_CARLO_PLANES_DIFFER_MM, by_choice_mm):
                 reason = ""
                 if other.rejected_positions != plane.rejected_positions:
                     reason = (
@@ -203,8 +250,9 @@ def _parameter_rows(results: ResultsBundle) -> Iterator[_Row]:
             parameter = case.parameters.get(f"{kind}_{joint}")
             ours, remark = "not estimated", "held rigid"
             if parameter is not None:
-                ours = _with_power(parameter.value, parameter.std or 0.0)
-                remark = "± one standard uncertainty; all loads together"
+                ours = _with_power(parameter.value, parameter.std)
+                remark = "" if parameter.std is None else "± one standard uncertainty; "
+                remark += "all loads together"
                 remark += "; at its bound" if parameter.at_bound else ""
                 remark += "" if parameter.identifiable else "; not identifiable from the poses"
             paper = f"{value:.2e}".replace("e+0", "e")
@@ -222,11 +270,12 @@ def _parameter_rows(results: ResultsBundle) -> Iterator[_Row]:
         yield _Row(quantity, "largest", "mm", paper, NOT_MEASURED, "apparatus")
 
 
-def _with_power(value: float, std: float) -> str:
-    """Return a value and its standard uncertainty with a common power of ten."""
-    largest = max(abs(value), std)
+def _with_power(value: float, std: float | None) -> str:
+    """Return a value and its standard uncertainty, if known, with a common power of ten."""
+    largest = max(abs(value), std or 0.0)
     power = math.floor(math.log10(largest)) if largest > 0.0 else 0
-    return f"({value / 10.0**power:.3f} ± {std / 10.0**power:.3f})e{power}"
+    number = f"{value / 10.0**power:.3f}"
+    return f"{number}e{power}" if std is None else f"({number} ± {std / 10.0**power:.3f})e{power}"
 
 
 def _conclusion_rows(results: ResultsBundle) -> Iterator[_Row]:
@@ -284,9 +333,11 @@ def _conclusion_rows(results: ResultsBundle) -> Iterator[_Row]:
 
 
 def _reduction(before_mm: float | None, after_mm: float | None) -> str:
-    """Return by how many percent an error fell; that it was not measured where one is None."""
-    if before_mm is None or after_mm is None:
+    """Return by how many percent an error fell; None before: not measured; after: not computed."""
+    if before_mm is None:
         return NOT_MEASURED
+    if after_mm is None:
+        return NOT_COMPUTED
     return f"{reduction_percent(before_mm, after_mm):.0f}"
 
 
@@ -326,10 +377,11 @@ Table I of the paper beside the parameters of ``{name}``, from all loads togethe
 load alone, with standard uncertainties. The CSV holds SI units, one row a parameter; Markdown
 and HTML have the paper's layout. A parameter that is not identifiable is determined by its
 tolerance alone and says nothing about the arm. A parameter at its bound is a stiffness that the
-data would make negative, as happens when the model lacks an effect. The paper gives its cubic
-stiffness twice, a power of ten apart; the setting ``kcub_reading`` selects the value shown. The
-paper's values belong to the arm that its authors measured. The arm of the shipped campaign
-lightcap2008 is simulated with Table I, so a difference there is an estimation error.
+data would make negative, as happens when the model lacks an effect, or cannot tell from that.
+The paper gives its cubic stiffness twice, a power of ten apart; the setting ``kcub_reading``
+selects the value shown. The paper's values belong to the arm that its authors measured. The arm
+of the shipped campaign lightcap2008 is simulated with Table I, so a difference there is an
+estimation error.
 """,
 )
 def tabulate_table1_parameters(results: ResultsBundle) -> ResultTable:
@@ -354,7 +406,8 @@ def tabulate_table1_parameters(results: ResultsBundle) -> ResultTable:
         "± is one standard uncertainty.",
         f"{_NOT_IDENTIFIABLE} not identifiable from the poses: the tolerance terms alone determine "
         f"it. Null directions, all loads together: {directions or 'none'}.",
-        f"{_AT_BOUND} at its bound: the stiffness that fits the data best is not positive.",
+        f"{_AT_BOUND} at its bound: the stiffness that fits the data best is not positive, or "
+        "cannot be told from that.",
         f"{_RIGID} rigid joint; {_NONE} the row has no such parameter.",
     ]
     if of_papers_arm:
@@ -396,19 +449,21 @@ def _layout(
         columns.append([absent] * len(joints))
         for k, joint in enumerate(joints):
             if (parameter := case.parameters.get(f"{key}_{joint}")) is not None:
-                value, std = (
-                    f"{kind.scale * number:{kind.digits}}"
-                    for number in (parameter.value, parameter.std or 0.0)
-                )
-                value = value.lstrip("-") if float(value) == 0.0 else value
-                mark = f" {_AT_BOUND}" if parameter.at_bound else ""
-                known = parameter.identifiable
-                columns[-1][k] = (
-                    f"{value} ± {std}{mark}" if known else f"{value} {_NOT_IDENTIFIABLE}"
-                )
+                columns[-1][k] = _cell(parameter, kind)
         if stated is not None:
             values = [stated.get(f"{key}_{joint}") for joint in joints]
             header.append("paper")
             columns.append([absent if v is None else f"{kind.scale * v:.4g}" for v in values])
     caption = "All loads together" if load == COMBINED else f"{written_load(load)} alone"
     return grid(caption, header, zip(*columns, strict=True))
+
+
+def _cell(parameter: CalibratedParameter, kind: ParameterKind) -> str:
+    """Return a value in the unit of its kind, with its standard uncertainty or a mark."""
+    value = f"{kind.scale * parameter.value:{kind.digits}}"
+    value = value.lstrip("-") if float(value) == 0.0 else value
+    if not parameter.identifiable:
+        return f"{value} {_NOT_IDENTIFIABLE}"
+    std = parameter.std
+    uncertainty = "" if std is None else f" ± {kind.scale * std:{kind.digits}}"
+    return f"{value}{uncertainty}{f' {_AT_BOUND}' if parameter.at_bound else ''}"
