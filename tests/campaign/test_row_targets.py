@@ -179,6 +179,23 @@ def test_places_of_a_grid_are_no_targets(sightings, read, logs):
     assert len(found.observations) == len(one)
 
 
+def test_configurations_that_are_all_lost_are_refused(sightings, read, tmp_path):
+    """Though each counts as one of many rows."""
+    table = sightings[1]
+    one = table[table["Target"] == "A"].drop(columns="Target").reset_index(drop=True)
+    one["Name"] = [f"R{k // 6}_C{k % 6}" for k in range(len(one))]
+    read(one[["Name", *Q]], one[["Name", "X", "Y", "Z"]])
+    path = tmp_path / "mine" / "campaign.yaml"
+    content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    columns = content["columns"]["readings"]
+    place = columns.pop("targets", None)
+    columns["position"] = columns.get("position") or next(iter(place.values()))
+    columns["target"] = {"names": "Name", "endings": {f"_C{k}": f"C{k}" for k in range(6)}}
+    path.write_text(yaml.safe_dump(content), encoding="utf-8")
+    with pytest.raises(Pa10calError, match=r"no configuration is left.*no such label"):
+        read_campaign(path.parent)
+
+
 @pytest.mark.parametrize("slip", ["", "t2"])
 @pytest.mark.parametrize("label", [False, True])
 def test_one_odd_row_is_lost_alone(sightings, read, slip, label):

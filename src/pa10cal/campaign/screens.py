@@ -318,8 +318,12 @@ def refuse_too_many(
     totals: Mapping[str, int],
     max_fraction: float,
     words: ColumnMap = CONTRACT_COLUMNS,
+    left: int | None = None,
 ) -> None:
     """Refuse a file of which all rows, or more than allowed, are quarantined.
+
+    Where several rows are one configuration, which is quarantined as one row, it may be that none
+    is `left` though few rows are listed.
 
     Allowed is `ingest.max_quarantined_fraction` of its rows; rows that campaign.yaml excludes do
     not count. The message names the file, the commonest reason and the first line with it.
@@ -336,7 +340,8 @@ def refuse_too_many(
             )
     for name, total in totals.items():
         listed = [r for r in rows if r.file == name and not r.reason.startswith(EXCLUDED)]
-        if len(listed) <= max_fraction * total and len(listed) < total:
+        few = len(listed) <= max_fraction * total and len(listed) < total
+        if few and not (left == 0 and listed):
             continue
         reason, times = Counter(row.reason for row in listed).most_common(1)[0]
         struck = [row for row in listed if row.reason == reason]
@@ -345,8 +350,8 @@ def refuse_too_many(
         if 2 * in_column > times:
             struck = [row for row in struck if row.value.startswith(f"{column} = ")]
         raise RawDataError(
-            f"{len(listed)} of {total} rows would be quarantined, {times} of them because: "
-            f"{reason}",
+            f"{'no configuration is left: ' if few else ''}{len(listed)} of {total} rows would be "
+            f"quarantined, {times} of them because: {reason}",
             where=f"{name}:{struck[0].line}" + (f": {words.called(column)}" if column else ""),
             value=struck[0].value or None,
             allowed=f"at most {max_fraction:.0%} (ingest.max_quarantined_fraction)",

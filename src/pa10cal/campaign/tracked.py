@@ -96,15 +96,15 @@ def read_tracked(
     del read
     raw = replace(raw, columns={})  # the readings hold them
 
-    def refuse_too_many_lost() -> None:
-        refuse_too_many(listed, raw.totals, options.max_quarantined_fraction, file.words)
+    def refuse_too_many_lost(left: int) -> None:
+        refuse_too_many(listed, raw.totals, options.max_quarantined_fraction, file.words, left)
 
-    refuse_too_many_lost()
+    refuse_too_many_lost(len(once))
     screen = Screen(columns, arm, file, raw.line[once], readings.take(once), listed)
     screen.run()
     off = screens.off_command(screen.found.pose, screen.found.states.q_rad, arm.prismatic)
     screen.quarantine(off, screens.OTHER_COMMAND, screen.found.pose[off])
-    refuse_too_many_lost()
+    refuse_too_many_lost(len(screen.found))
     corrected = without_instrument_motion(screen.found, str(file.path), screen.T_base_ee)
     beside_counts = {axis: steps[axis] for axis in steps.keys() - counts_per_turn.keys()}
     payload = description.payload(arm)
@@ -124,7 +124,7 @@ def read_tracked(
     readings = uncertain if unchanged else _uncertain_as_joints(noise.readings, chain)
     averaged = with_stands_averaged(readings)
     listed += _left_out_of_stands(averaged, readings, raw.file, screen.line)
-    refuse_too_many_lost()
+    refuse_too_many_lost(len(averaged.readings))
     instrument_notes = description.instrument.type.raw_notes(columns, description.stated)
     notes = [
         *raw.notes,
