@@ -200,7 +200,7 @@ def moved_place(model, drawn, q, frame):
     k = len(model.x)
     moved = replace(model, x=model.x + drawn[:k], covariance=None)
     place = moved.predict(q, frame=frame).T[:, :3, 3]
-    return place + drawn[k : k + 3] + np.cross(drawn[k + 3 :], place)
+    return place + drawn[k : k + 3] + np.cross(drawn[k + 3 : k + 6], place)
 
 
 @pytest.mark.slow
@@ -208,7 +208,7 @@ def moved_place(model, drawn, q, frame):
 def test_uncertainty_is_that_of_predictions_with_drawn_parameters(frame):
     model = fitted("ur10", 7, links_and_tool if frame != "target_A" else links_only)
     if frame == "target_A":
-        model = replace(model, targets_m=np.array([0.1, 0.2, 0.3]), target_names=("A",))
+        model = with_targets(model, A=[0.1, 0.2, 0.3])
     q, rng = postures(model.arm, 8, 4), np.random.default_rng(9)
     root = np.linalg.svd(model.covariance)
     draws = rng.normal(size=(3000, 3)) @ (np.sqrt(root[1][:3]) * root[0][:, :3]).T
