@@ -186,7 +186,7 @@ def test_few_poses_and_how_many_more(campaign):
 def test_a_stated_uncertainty_in_another_unit(campaign, factor, repeat_every):
     found = campaign(stated_mm=0.05 * factor, departs="rows", repeat_every=repeat_every)
     grade, line = graded(found)
-    assert grade == "suspect_input"
+    assert grade == "suspect_input", line
     assert "check the input: stated uncertainty of the position" in line
     assert "check its unit" in line
 

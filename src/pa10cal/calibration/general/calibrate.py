@@ -32,7 +32,7 @@ from pa10cal.calibration.general.springs import (
     with_proven_springs,
 )
 from pa10cal.calibration.options import CalibrationOptions
-from pa10cal.calibration.rules import FIT, SPRINGS, UNKNOWNS
+from pa10cal.calibration.rules import FIT, GRADES, SPRINGS, UNKNOWNS
 from pa10cal.errors import RecordError
 from pa10cal.fit.loads import with_loads_read_by, with_torques
 from pa10cal.fit.problem import Problem, hardly_known
@@ -207,8 +207,11 @@ def _of_usual_size(
 ) -> GeneralSolution:
     """Fit again with what is usual where readings hardly determine links, zeros and targets.
 
-    Departures are expected to be as large as those found, and targets where they are stated.
+    Departures are expected to be as large as those found, and targets where they are stated. The
+    fit stays where noise is stated far too large: what readings know is by their noise.
     """
+    if _is_stated_too_large(problem, found):
+        return found
     usual = usual_departures(problem, found)
     about = np.where(np.isfinite(usual), 0.0, found.x)
     if start.targets_stated:
@@ -221,6 +224,18 @@ def _of_usual_size(
         return found
     last = fitted(problem, found.x, scatter_start=found.scatter, about=about, usual=rows)
     return replace(last, iterations=found.iterations + last.iterations)
+
+
+def _is_stated_too_large(problem: Problem, found: GeneralSolution) -> bool:
+    """Return whether residuals of a kind of component are far smaller than their stated noise."""
+    measured, white = problem.observations.measured, found.whitener @ found.residual[:, :, None]
+    dof_share = 1.0 - found.identifiability.rank / max(problem.readings, 1)
+    for _, columns in measured.component_kinds:
+        of_kind = white[:, columns, 0][measured.components_seen[:, columns]]
+        dof = dof_share * len(of_kind)
+        if dof >= UNKNOWNS.least_dof and np.sum(of_kind**2) < GRADES.stated_ratio**-2.0 * dof:
+            return True
+    return False
 
 
 def _where_others_go(found: GeneralSolution, kept: Mask) -> Array:
