@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -9,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from made_up_sightings import sighted
 from mended import findings
 from pa10cal.arm.chain import Chain
+from pa10cal.arm.coupling import CoupledJoint
 from pa10cal.campaign.conventions import (
     EXPECTED_M,
     STILL_WRONG,
@@ -16,10 +19,13 @@ from pa10cal.campaign.conventions import (
     TIMES_NOISE,
     other_axes,
     puts_right,
+    read_polar,
 )
+from pa10cal.campaign.joint_conventions import coupling_that_fits
 from pa10cal.campaign.read import read_campaign
 from pa10cal.errors import Pa10calError
 from pa10cal.files.arms import load_arm
+from pa10cal.observe.points import Points
 
 
 @pytest.mark.parametrize(
@@ -81,6 +87,46 @@ def test_axes_of_a_mirrored_frame_are_found_by_two_fits():
     assert found.name == "y, x, -z in place of x, y, z"
     assert (found.order, found.turned) == ((1, 0, 2), (2,))
     assert other_axes(T, p_m, R @ T[:, :3, :3]) is None
+
+
+def test_one_gross_reading_hides_neither_axes_nor_a_coupling():
+    rng = np.random.default_rng(3)
+    arm, axes = load_arm("ur10"), rng.uniform(-1.5, 1.5, (40, 6))
+    coupled = (CoupledJoint(5, 4, -1.0),)
+    R = Rotation.random(random_state=rng).as_matrix()
+    T = Chain.of(arm).forward(axes)
+    p_m = T[:, :3, 3] @ R.T + [0.4, -1.0, 2.0]
+    p_m[7] += [0.0, 0.5, 0.0]
+    found = other_axes(T, p_m * [1, 1, -1], R @ T[:, :3, :3])
+    assert found is not None
+    assert found.puts_right
+    assert found.would_leave_m < 1e-4
+    T = Chain.of(arm).forward(replace(arm.coupling, joints=coupled).to_joints(axes))
+    seen_m = T[:, :3, 3] + T[:, :3, :3] @ [0.1, 0.0, 0.1]
+    seen_m[7, 1] += 0.5
+    cov_m2 = np.tile(1e-8 * np.eye(3), (40, 1, 1, 1))
+    measured = Points(("t",), seen_m[:, None], cov_m2, None)
+    fits = coupling_that_fits(arm, axes, measured)
+    assert fits is not None
+    assert fits[0] == coupled
+
+
+def test_polar_readings_count_otherwise_than_named_only_where_the_arm_is_much_nearer():
+    rng = np.random.default_rng(3)
+    T = Chain.of(load_arm("ur10")).forward(rng.uniform(-1.5, 1.5, (40, 6)))
+    p_m = T[:, :3, 3] + [3.0, 0.5, -0.2]
+    d_m = np.linalg.norm(p_m, axis=1)
+    hz, v = np.arctan2(p_m[:, 1], p_m[:, 0]), np.arcsin(p_m[:, 2] / d_m)
+    values = np.column_stack([hz % (2.0 * np.pi) * 200.0 / np.pi, v * 200.0 / np.pi, d_m])
+    values[::5] = 0.0  # nothing was seen
+    given = (["deg", "gon"], ["m"])
+    found = read_polar(values, *given, T, by_horizon=False)
+    counted = found.polar.unit, found.polar.horizontal, found.polar.vertical
+    assert counted == ("gon", "counterclockwise", "horizon")
+    assert found.median_m == pytest.approx(0.0, abs=1e-6)
+    of_other_rows = read_polar(values, *given, T[rng.permutation(40)], by_horizon=False)
+    counted = of_other_rows.polar.horizontal, of_other_rows.polar.vertical
+    assert counted == ("clockwise", "zenith")
 
 
 @pytest.mark.slow_but_one_in(2)

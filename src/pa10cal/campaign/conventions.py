@@ -1,28 +1,21 @@
-"""Conventions that agree with the nominal arm: of orientations, axes, polar readings and joints."""
+"""Conventions that agree with the nominal arm: of orientations, axes and polar readings."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from itertools import combinations, permutations, product
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import permutations, product
 from typing import Literal, NamedTuple, cast
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from pa10cal.arm.chain import Chain
-from pa10cal.arm.coupling import CoupledJoint
-from pa10cal.arm.description import Arm
-from pa10cal.arrays import Array, Index, spread
-from pa10cal.campaign.bounds import outside_bounds, unwrapped
+from pa10cal.arrays import Array, spread
 from pa10cal.campaign.column_map import ANGLES
-from pa10cal.campaign.joint_positions import in_radians
-from pa10cal.campaign.nominal_fit import misfit_of, placed_by_points
+from pa10cal.campaign.nominal_fit import misfit_of, placed_at_least_distances, placed_by_points
 from pa10cal.campaign.own_columns import Polar, RotationColumns
 from pa10cal.campaign.raw_file import polar_to_xyz, quaternions
-from pa10cal.campaign.raw_rows import RawRows
 from pa10cal.frame.hand_eye import Located
-from pa10cal.numerics.least_squares import best_candidate
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.quantities import Misfit
 from pa10cal.rules import FRAMES
@@ -51,6 +44,8 @@ NEARER = 5.0
 ENOUGH, MOST = 6, 200
 #: Poses whose orientation is tried as that with which the others agree, at most.
 _STARTS = 10
+#: Rows of polar readings that are compared with the arm, at least.
+_POLAR_ROWS = 4
 #: A factor of lengths is sought where it differs from 1 by at least this.
 _ANOTHER_SCALE = 0.01
 
@@ -273,15 +268,14 @@ def other_axes(T_base_ee: Array, p_m: Array, R: Array | None) -> OtherAxes | Non
     """
     some = spread(len(p_m), MOST)
     T_base_ee, p_m = T_base_ee[some], p_m[some]
-    read, mirrored = (placed_by_points(T_base_ee, seen[:, None]) for seen in (p_m, -p_m))
+    fits = [placed_at_least_distances(T_base_ee, seen[:, None]) for seen in (p_m, -p_m)]
+    read, mirrored = fits
     if len(p_m) < ENOUGH or read is None or mirrored is None:
         return None
 
-    def misfit_m(seen_m: Array, located: Located) -> float:
-        off_m = seen_m - located.targets(T_base_ee)[:, 0, :3, 3]
-        return float(np.median(np.linalg.norm(off_m, axis=1)))
-
-    read_m, mirrored_m = misfit_m(p_m, read), misfit_m(-p_m, mirrored)
+    read_m, mirrored_m = (
+        _median_m(seen_m, located, T_base_ee) for seen_m, located in ((p_m, read), (-p_m, mirrored))
+    )
     if R is None:
         if read_m < NEARER * mirrored_m:
             return None
@@ -302,12 +296,18 @@ def other_axes(T_base_ee: Array, p_m: Array, R: Array | None) -> OtherAxes | Non
     every = product(permutations(range(3)), product((1.0, -1.0), repeat=3))
     as_read, *others = (changed(order, signs) for order, signs in every)
     best = min((as_read, *others), key=lambda axes: axes.rank)
-    if best is as_read or best.turn_rad > AGREES_RAD or as_read.total_m < NEARER * best.total_m:
+    if best is as_read or best.rms_rad > AGREES_RAD or as_read.total_m < NEARER * best.total_m:
         return None
     turned = tuple(column for column, k in enumerate(best.order) if best.signs[k] < 0.0)
     held = ", ".join(f"{'-' if best.signs[k] < 0.0 else ''}{'xyz'[k]}" for k in best.order)
     name = f"{held} in place of x, y, z"
-    return OtherAxes(name, read_m, best.misfit_m, best.order, turned)
+    return OtherAxes(name, read_m, best.median_m, best.order, turned)
+
+
+def _median_m(p_m: Array, located: Located, T_base_ee: Array) -> float:
+    """Return the median distance of positions (P, 3) of one target from a fit."""
+    off_m = p_m - located.targets(T_base_ee)[:, 0, :3, 3]
+    return float(np.median(np.linalg.norm(off_m, axis=1)))
 
 
 @dataclass(frozen=True)
@@ -316,20 +316,20 @@ class _ChangedAxes:
 
     order: tuple[int, ...]  # axis that each of the columns x, y, z holds
     signs: tuple[float, ...]  # of each axis, 1 or -1
-    misfit_m: float  # median misfit of the positions
-    turn_rad: float  # rms angle of the orientations
+    median_m: float  # median misfit of the positions
+    rms_rad: float  # rms angle of the orientations
 
     @property
     def total_m(self) -> float:
         """Return the misfit of positions and orientations together, angles times a usual lever."""
-        return self.misfit_m + FRAMES.lever_m * self.turn_rad
+        return self.median_m + FRAMES.lever_m * self.rms_rad
 
     @property
     def rank(self) -> tuple[float, bool, int, float, float]:
-        """Return what ranks axes: the misfit, then how many axes are exchanged and reversed."""
+        """Return what ranks axes: the misfit, whether some are exchanged, how many are reversed."""
         reversed_count = sum(sign < 0.0 for sign in self.signs)
         exchanged = self.order != (0, 1, 2)
-        return round(self.total_m, 3), exchanged, reversed_count, self.misfit_m, self.turn_rad
+        return round(self.total_m, 3), exchanged, reversed_count, self.median_m, self.rms_rad
 
 
 @dataclass(frozen=True)
@@ -338,7 +338,7 @@ class PolarReading:
 
     polar: Polar
     length: str  # unit of the distance
-    scatter_m: float | None  # rms misfit; None where it is not known
+    median_m: float | None  # median misfit; None where it is not known
 
 
 def read_polar(
@@ -351,8 +351,9 @@ def read_polar(
 ) -> PolarReading:
     """Return how polar readings (N, 3) count, by the misfit of the nominal arm T_base_ee (N, 4, 4).
 
-    Where the arm is not known (None), or no way fits: the unit of angles is the largest in which
-    all are within a turn, and the vertical angle counts as its name says.
+    By the names the unit of angles is the largest in which all are within a turn, the horizontal
+    angle counts clockwise, and the vertical one as it is called. The readings count otherwise only
+    where the nominal arm is known and is several times nearer to them then.
 
     Args:
         values: horizontal angle, vertical angle and distance.
@@ -369,23 +370,31 @@ def read_polar(
     far = float(np.nanmedian(values[:, 2])) if len(values) else 0.0
     length = lengths[0] if len(lengths) == 1 else "mm" if far > 100.0 else "m"
 
-    def counting(unit: str, way: str, up: str) -> Polar:
-        return Polar.model_validate({"unit": unit, "horizontal": way, "vertical": up})
+    def counting(unit: str, horizontal: str, vertical: str) -> Polar:
+        words = {"unit": unit, "horizontal": horizontal, "vertical": vertical}
+        return Polar.model_validate(words)
 
-    by_name = PolarReading(counting(possible[0], "clockwise", usual), length, None)
+    by_name = counting(possible[0], "clockwise", usual)
     if T_base_ee is None:
-        return by_name
-    finite = np.isfinite(values).all(axis=1) & np.isfinite(T_base_ee).all(axis=(1, 2))
-    rows = np.flatnonzero(finite)
+        return PolarReading(by_name, length, None)
+    known = np.isfinite(values).all(axis=1) & np.isfinite(T_base_ee).all(axis=(1, 2))
+    rows = np.flatnonzero(known & (values[:, 2] != 0.0))  # without those in which none was seen
     rows = rows[spread(len(rows), MOST)]
-    tried = [by_name]
-    for way in product(possible, ("clockwise", "counterclockwise"), ("zenith", "horizon")):
-        polar = counting(*way)
+    T_seen = T_base_ee[rows]
+    found: dict[Polar, float] = {}
+    for words in product(possible, ("clockwise", "counterclockwise"), ("zenith", "horizon")):
+        polar = counting(*words)
         p_m = 1e-3 * polar_to_xyz(values[rows], polar, length)
-        located = placed_by_points(T_base_ee[rows], p_m[:, None]) if len(rows) >= 4 else None
+        enough = len(rows) >= _POLAR_ROWS
+        located = placed_at_least_distances(T_seen, p_m[:, None]) if enough else None
         if located is not None:
-            tried.append(PolarReading(polar, length, located.scatter_m))
-    return min(tried, key=lambda way: np.inf if way.scatter_m is None else way.scatter_m)
+            found[polar] = _median_m(p_m, located, T_seen)
+    if not found:
+        return PolarReading(by_name, length, None)
+    nearest = min(found, key=lambda polar: found[polar])
+    if NEARER * found[nearest] >= found.get(by_name, np.inf):
+        nearest = by_name
+    return PolarReading(nearest, length, found[nearest])
 
 
 def modelled_attitudes(T_base_ee: Array, p_instr_m: Array) -> Array | None:
@@ -428,165 +437,3 @@ def other_scale(
     as_read_m = float(np.nanmedian(misfit.length_m))
     fits = NEARER * scaled_m < as_read_m and puts_right(scaled_m, EXPECTED_M)
     return (1.0 / scale, scaled_m) if fits else None
-
-
-# Logs whose joints exceed the limits of the arm, although the rows are right. Three causes are
-# tested: the controller counts a joint together with another one (joint 3 to the horizontal), two
-# columns are exchanged or one has the other sign, or angles are whole turns off. A cause is
-# accepted only if with it the nominal arm, base and target fitted, agrees with all readings.
-
-#: All coupled joints of an arm.
-Coupled = tuple[CoupledJoint, ...]
-#: Returns the nominal end (r, 4, 4) at some rows (r,) of a log.
-EndsAt = Callable[[Index], Array]
-#: Rows by which candidates are compared; only the best of them is fitted to all rows.
-_COMPARED_ROWS = 100
-
-
-def couplings_near(arm: Arm) -> Iterator[Coupled]:
-    """Yield couplings that differ from the arm's in the factor (1, -1 or 0) of one pair of joints.
-
-    Both joints of a pair slide or both turn; pairs of neighbours come first.
-    """
-    pairs = permutations((arm.coupling.own + 1).tolist(), 2)
-    for joint, by in sorted(pairs, key=lambda pair: abs(pair[0] - pair[1])):
-        if arm.prismatic[joint - 1] != arm.prismatic[by - 1]:
-            continue
-        others = tuple(c for c in arm.coupled if (c.joint, c.by) != (joint, by))
-        stated = sum(c.factor for c in arm.coupled if (c.joint, c.by) == (joint, by))
-        for factor in (1.0, -1.0, 0.0):
-            if factor == stated:
-                continue
-            coupled = (*others, CoupledJoint(joint, by, factor)) if factor else others
-            if not replace(arm.coupling, joints=coupled).singular:
-                yield coupled
-
-
-def coupling_that_fits(
-    arm: Arm, axes: Array, measured: Instrument, among: Iterable[Coupled] | None = None
-) -> tuple[Coupled, Misfit] | None:
-    """Return the coupling with which the nominal arm fits all readings, and their misfit.
-
-    None where no coupling puts the readings right, or where the coupling as described does not
-    leave several times what is expected of a nominal arm.
-
-    Args:
-        arm: the arm with its coupling as described.
-        axes: (P, m) positions that the controller counts [rad, m].
-        measured: the P readings.
-        among: candidates; None for those of `couplings_near`.
-    """
-
-    def ends_with(coupled: Coupled) -> EndsAt:
-        matrix = replace(arm.coupling, joints=coupled)
-        return lambda rows: Chain.of(arm).forward(matrix.to_joints(axes[rows]))
-
-    candidates = list(couplings_near(arm) if among is None else among)
-    best = _candidate_that_fits(measured, ends_with(arm.coupled), list(map(ends_with, candidates)))
-    if best is None:
-        return None
-    number, misfit = best
-    return candidates[number], misfit
-
-
-def _candidate_that_fits(
-    measured: Instrument, as_described: EndsAt, candidates: Sequence[EndsAt]
-) -> tuple[int, Misfit] | None:
-    """Return the number of the candidate that fits all that was measured, and the misfit.
-
-    None where none puts the readings right, or where there is too little wrong `as_described`.
-    """
-    compared = spread(len(measured), _COMPARED_ROWS)
-    few = measured.take(compared)
-    described_m = few.misfit_m(as_described(compared))
-    if len(compared) < measured.least_rows or described_m <= NEARER * EXPECTED_M:
-        return None
-    T_base_ee = [ends_at(compared) for ends_at in candidates]
-    lower_bounds_m = list(map(few.least_misfit_m, T_base_ee))
-    best = best_candidate(
-        lower_bounds_m, lambda number: few.misfit_m(T_base_ee[number]), described_m / NEARER
-    )
-    if best is None:
-        return None
-    _, number = best
-    misfit = _misfit_if_right(measured, candidates[number](np.arange(len(measured))))
-    return None if misfit is None else (number, misfit)
-
-
-def _misfit_if_right(measured: Instrument, T_base_ee: Array) -> Misfit | None:
-    """Return the misfit of the nominal end (P, 4, 4); None where it is not as of right readings."""
-    misfit = misfit_of(measured, T_base_ee)
-    right = misfit is not None and puts_right(float(np.median(misfit.size_m)), EXPECTED_M)
-    return misfit if right else None
-
-
-def arm_of_log(raw: RawRows, q: Sequence[str], arm: Arm, measured: Instrument) -> Arm:
-    """Return the arm with the limits that this log obeys.
-
-    It has another coupling, two joints exchanged or one reversed, if only that brings all rows into
-    the limits and explains the readings; else it is the arm as described. Exchanged and reversed
-    joints are reported when a calibration is checked, not here.
-
-    Args:
-        raw: rows of the log.
-        q: its columns of joint positions.
-        arm: the arm as described.
-        measured: what was measured in each row.
-    """
-    within_limits = [
-        coupled
-        for coupled in couplings_near(arm)
-        if not outside_bounds(raw, q, replace(arm, coupled=coupled)).any()
-    ]
-    axes = in_radians(raw.numbers_of(q), arm.axes_slide)
-    coupling = coupling_that_fits(arm, axes, measured, within_limits)
-    if coupling is not None:
-        return replace(arm, coupled=coupling[0])
-    if arm.coupled:
-        return arm
-    slips = [
-        (slipped, order, signs)
-        for slipped, order, signs in _exchanged_or_reversed(arm)
-        if not outside_bounds(raw, q, slipped).any()
-    ]
-
-    def ends_with(order: Index, signs: Array) -> EndsAt:
-        return lambda rows: Chain.of(arm).forward(signs * axes[rows][:, order])
-
-    as_described = ends_with(np.arange(arm.n), np.ones(arm.n))
-    candidates = [ends_with(order, signs) for _, order, signs in slips]
-    best = _candidate_that_fits(measured, as_described, candidates)
-    return arm if best is None else slips[best[0]][0]
-
-
-def _exchanged_or_reversed(arm: Arm) -> Iterator[tuple[Arm, Index, Array]]:
-    """Yield arms with the limits of two joints exchanged, or of one joint reversed.
-
-    With each come the column that holds each joint (n,), and the sign of each joint (n,).
-    """
-    for first, second in combinations(range(arm.n), 2):
-        if arm.prismatic[first] == arm.prismatic[second]:
-            order = np.arange(arm.n)
-            order[[first, second]] = second, first
-            yield replace(arm, limits_rad=arm.limits_rad[order]), order, np.ones(arm.n)
-    for joint in range(arm.n):
-        signs = np.ones(arm.n)
-        signs[joint] = -1.0
-        limits_rad = arm.limits_rad.copy()
-        limits_rad[joint] = -limits_rad[joint, ::-1]
-        yield replace(arm, limits_rad=limits_rad), np.arange(arm.n), signs
-
-
-def without_turns(
-    raw: RawRows, q: Sequence[str], arm: Arm, usable: Index, measured: Instrument
-) -> RawRows:
-    """Return a log whose joints are moved by whole turns into their limits, if that fits.
-
-    `measured` is what was measured in the usable rows (U,); it decides.
-    """
-    moved = unwrapped(raw, q, arm, spread_deg=np.inf)
-    if moved is raw:
-        return raw
-    axes = in_radians(moved.at(usable).numbers_of(q), arm.axes_slide)
-    T_base_ee = Chain.of(arm).forward(arm.coupling.to_joints(axes))
-    return raw if _misfit_if_right(measured, T_base_ee) is None else moved

@@ -369,12 +369,12 @@ class ProposedColumns:
             T_base_ee,
             by_horizon=from_horizon(names[1]),
         )
-        if found.scatter_m is None:
+        if found.median_m is None:
             self.checks.append("polar: how the angles count is by the names alone; check it")
-        elif found.scatter_m > AGREES_M:
+        elif found.median_m > AGREES_M:
             self.checks.append(
                 f"polar: no way of counting the angles agrees with the nominal arm; the nearest is "
-                f"{1e3 * found.scatter_m:.0f} mm off: check units, the joints' order and signs"
+                f"{1e3 * found.median_m:.0f} mm off: check units, the joints' order and signs"
             )
         return {"names": list(names), "unit": found.length, "polar": found.polar.model_dump()}
 

@@ -18,7 +18,6 @@ from pa10cal.arrays import Array, Index, Mask
 from pa10cal.campaign import balls, screens
 from pa10cal.campaign.bounds import only_labelled_rows, only_whole_numbers, unwrapped, within_bounds
 from pa10cal.campaign.column_map import ColumnMap
-from pa10cal.campaign.conventions import coupling_that_fits
 from pa10cal.campaign.description import CampaignDescription, exclusions_of
 from pa10cal.campaign.dwells import (
     Samples,
@@ -27,6 +26,7 @@ from pa10cal.campaign.dwells import (
     find_dwells,
     while_loaded,
 )
+from pa10cal.campaign.joint_conventions import coupling_that_fits
 from pa10cal.campaign.joint_positions import as_joints, as_logged
 from pa10cal.campaign.nominal_fit import misfit_mm, nominal_places
 from pa10cal.campaign.raw_file import RawFile, words_of

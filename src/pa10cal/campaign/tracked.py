@@ -15,7 +15,6 @@ from pa10cal.arm.statics import PoseStates, loads_as_named
 from pa10cal.arrays import Array, Index
 from pa10cal.campaign import screens
 from pa10cal.campaign.bounds import only_labelled_rows, outside_bounds, unwrapped, within_bounds
-from pa10cal.campaign.conventions import arm_of_log, without_turns
 from pa10cal.campaign.csv_rows import REPEATED
 from pa10cal.campaign.description import CampaignDescription, exclusions_of
 from pa10cal.campaign.instrument_motion import (
@@ -26,6 +25,7 @@ from pa10cal.campaign.instrument_motion import (
     refuse_base_targets,
     without_instrument_motion,
 )
+from pa10cal.campaign.joint_conventions import arm_of_log, without_turns
 from pa10cal.campaign.joint_positions import (
     in_radians,
     position_columns,

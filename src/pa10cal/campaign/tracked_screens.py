@@ -16,14 +16,13 @@ from pa10cal.campaign import screens
 from pa10cal.campaign.column_map import UNIT_WORDS
 from pa10cal.campaign.conventions import (
     STILL_WRONG,
-    Coupled,
     OtherAxes,
-    coupling_that_fits,
     other_axes,
     other_scale,
 )
 from pa10cal.campaign.description import DESCRIPTION_FILE
 from pa10cal.campaign.inverse_poses import other_inverse
+from pa10cal.campaign.joint_conventions import Coupled, coupling_that_fits
 from pa10cal.campaign.joint_positions import in_radians, position_columns
 from pa10cal.campaign.nominal_fit import (
     ReadingsAtStations,
