@@ -469,6 +469,23 @@ def test_readings_left_out_that_are_only_suspected_are_named(survey, thrice):
     assert len(rows) > 0
 
 
+@pytest.mark.parametrize("course", ["step", "warm-up"])
+def test_readings_before_and_after_a_zero_that_moved_are_right(survey, thrice, course):
+    """Repeats disagree, by the zero of a joint that moved once, or slowly."""
+    part = (np.arange(len(thrice)) % 3 + np.arange(len(thrice)) / len(thrice)) / 3.0
+    moved_rad = 6e-4 * (part > 0.5 if course == "step" else np.exp(-part / 0.2))
+    q_rad = thrice.states.q_rad.copy()
+    q_rad[:, 1] -= moved_rad  # not logged
+    off = thrice.with_states(replace(thrice.states, q_rad=q_rad, time_s=1e4 * part))
+    T, rng = off.measured.T_instr_target.copy(), np.random.default_rng(3)
+    turn_rad = rng.normal(0.0, 1e-4, (len(off), 3))  # the noise that is stated
+    T[:, :3, :3] = Rotation.from_rotvec(turn_rad).as_matrix() @ T[:, :3, :3]
+    off = off.with_measured(T_instr_target=T)
+    assert not gross_errors(off, survey.baseline).excluded.any()
+    wrong = gross_errors(shifted(off, WRONG_M, [50]), survey.baseline)
+    np.testing.assert_array_equal(np.flatnonzero(wrong.excluded), [50])
+
+
 def test_readings_off_one_after_the_other_are_no_single_ones(survey, thrice):
     """As where the instrument stood elsewhere during the last pass over some of the poses."""
     time_s = np.arange(len(thrice)) % 3 * 1e4 + np.arange(len(thrice)) // 3

@@ -7,7 +7,12 @@ import pytest
 
 from made_up_survey import observe
 from pa10cal.discovery import jacobians
-from pa10cal.discovery.sessions import StepsOfBase, is_moved_in_order, moved_in_order
+from pa10cal.discovery.sessions import (
+    StepsOfBase,
+    changed_between_repeats,
+    is_moved_in_order,
+    moved_in_order,
+)
 
 POSES, FIRST = 120, 50  # poses, of which so many are of the first session
 
@@ -100,3 +105,40 @@ def test_steps_gain_what_dense_columns_of_moved_poses_explain():
     second = steps.beside(order[first.first :]).best(order)
     both = gain(left(from_row(first.first)), left(from_row(first.first), from_row(second.first)))
     assert second.gain == pytest.approx(both, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("change", "place"),
+    [
+        ("nothing", None),
+        ("lost motion", None),
+        ("step", "the zero of joint 3"),
+        ("warm-up", "the zero of joint 3"),
+        ("base", "the base or the instrument"),
+    ],
+)
+def test_repeats_that_differ_by_their_order_are_told(given, change, place):
+    half = given.readings.take(np.arange(POSES // 2))
+    rows = np.concatenate([np.arange(POSES // 2), np.arange(POSES // 2)[::-1]])
+    poses, part = half.take(rows), np.linspace(0.0, 1.0, POSES)
+    states = replace(poses.states, time_s=1.0 + np.arange(POSES), timed=np.zeros(POSES, bool))
+    rng = np.random.default_rng(11)
+    states.arrival[:] = rng.choice([-1.0, 1.0], states.arrival.shape)
+    poses = poses.with_states(states)
+    by_joint = jacobians.by_joints(given.baseline, poses, [3])[:, :3, 0]
+    turned_rad = {
+        "lost motion": 1e-4 * states.arrival[:, 2],
+        "step": 3e-4 * (part > 0.63),
+        "warm-up": 3e-4 * np.exp(-part / 0.3),
+    }.get(change, np.zeros(POSES))
+    off_m = by_joint * turned_rad[:, None]
+    if change == "base":
+        off_m = off_m + (part > 0.63)[:, None] * [1e-4, -5e-5, 3e-5]
+    noise_m = np.sqrt(np.diagonal(poses.measured.stated_covariance, axis1=1, axis2=2)[:, :3])
+    found = changed_between_repeats(given.baseline, moved(poses, off_m + rng.normal(0.0, noise_m)))
+    if place is None:
+        assert found is None
+        return
+    assert f"as if {place} had moved meanwhile" in found.why
+    assert "give the time of each reading" in found.why
+    assert is_moved_in_order(found)

@@ -43,7 +43,11 @@ from pa10cal.discovery.preparation import MeasurementSetup, Prepared, complete, 
 from pa10cal.discovery.proposals import with_lines_named, with_proposals
 from pa10cal.discovery.refitted_verdict import without_names
 from pa10cal.discovery.rules import JUDGING, NOISE
-from pa10cal.discovery.sessions import is_moved_in_order, moved_in_order
+from pa10cal.discovery.sessions import (
+    changed_between_repeats,
+    is_moved_in_order,
+    moved_in_order,
+)
 from pa10cal.discovery.torque_faults import stated_wrongly, with_friction_of_log
 from pa10cal.discovery.verdict import (
     Basis,
@@ -283,7 +287,16 @@ def _attributed_to_order(found: Verdict) -> Verdict:
 
     What names and formulas those rows suggest together is not told.
     """
-    if not found.unexplained or found.verdict == "check_the_log":
+    if found.verdict == "check_the_log":
+        return found
+    prepared, at = found.prepared, found.extended.fitted()
+    readings = complete(prepared.trusted, prepared.baseline, prepared.setup, at)
+    # Where times are known, all that was sought includes changes in time, or had too few readings.
+    open_to_time = not readings.states.tells_time or not is_sought(found)
+    between = changed_between_repeats(at, readings) if open_to_time else None
+    if between is not None:
+        return replace(found, unexplained=(between, *found.unexplained), nameless=())
+    if not found.unexplained:
         return found
     moved = moved_in_order(found.extended.fitted(), found.train.poses)
     return found if moved is None else replace(found, unexplained=(moved,), nameless=())

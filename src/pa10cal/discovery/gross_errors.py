@@ -15,7 +15,7 @@ import numpy as np
 from scipy.ndimage import median_filter
 from scipy.special import chdtri
 
-from pa10cal.arrays import Array, Index, Mask
+from pa10cal.arrays import Array, Index, Mask, rms
 from pa10cal.discovery.jacobians import ideal_by_joints
 from pa10cal.discovery.noise import noise_of_repeats, repeat_groups, whitener_of
 from pa10cal.discovery.pose_scatter import pose_weights
@@ -73,7 +73,8 @@ def _off_repeats(
     if (np.bincount(group)[group] < 2).all():
         return GrossErrors(nobody, nobody, np.zeros_like(of_model), np.zeros_like(of_model))
     stated = readings.measured.stated_covariance
-    still = of_model - moved_between_repeats(readings, of_model, group)
+    moved = moved_between_repeats(readings, of_model, group)
+    still = of_model - _likelier_motion(readings, model, of_model, group, moved)
     repeats = _Repeats(readings, still, group)
     found = repeats.gross_errors(whitener_of(stated), nobody, SCATTER.least_stated)
     try:
@@ -147,6 +148,59 @@ class _Repeats:
             furthest = far[np.lexsort((of_model[far], several))[::-1]]
             worst = np.unique(group[furthest], return_index=True)[1]
             out[furthest[worst]] = True
+
+
+def _likelier_motion(
+    readings: Observations, model: FittedModel, of_model: Array, group: Index, moved: Array
+) -> Array:
+    """Return the motion in the course of time (P, b) that leaves repeats least scatter.
+
+    That of the whole, or that of the zeros of joints which moved one after the other, as of a joint
+    that warms up or was mastered anew: right readings before and after differ by it.
+
+    Args:
+        moved: (P, b) motion of the whole, by running medians.
+    """
+    rows = np.flatnonzero(np.bincount(group)[group] > 1)
+    if len(rows) <= ROWS.median_readings:
+        return moved
+    rows = rows[np.argsort(readings.states.time_s[rows], kind="stable")]
+    off, own = readings.take(rows), np.unique(group[rows], return_inverse=True)[1].ravel()
+    seen, whitener = off.measured.components_seen, whitener_of(off.measured.stated_covariance)
+    by_joint = whitener @ ideal_by_joints(model, off)
+    information = np.maximum(np.sum(by_joint**2, axis=1), np.finfo(float).tiny)
+
+    def white(values: Array) -> Array:
+        return np.asarray((whitener @ values[rows, :, None])[:, :, 0])
+
+    def scatter(rest: Array) -> float:
+        return NOISE.median_to_sigma * float(np.median(np.abs(_apart(rest, own)[seen])))
+
+    rest, of_joints = white(of_model), np.zeros((len(rows), by_joint.shape[2]))
+    for _ in range(of_joints.shape[1]):
+        turned = _apart(np.einsum("pbj,pb->pj", by_joint, rest) / information, own)
+        turned = median_filter(turned, size=(ROWS.median_readings, 1), mode="nearest")
+        without = [rest - by_joint[:, :, j] * turned[:, j, None] for j in range(turned.shape[1])]
+        scatters = [scatter(each) for each in without]
+        joint = int(np.argmin(scatters))
+        if rms(rest - without[joint]) <= scatters[joint] or scatters[joint] >= scatter(rest):
+            break
+        rest = without[joint]
+        of_joints[:, joint] += turned[:, joint]
+    if scatter(rest) >= scatter(white(of_model - moved)):
+        return moved
+    found = np.zeros_like(of_model)
+    motion = np.einsum("pbj,pj->pb", ideal_by_joints(model, off), of_joints)
+    found[rows] = np.where(seen, motion, 0.0)
+    return found
+
+
+def _apart(of_model: Array, group: Index) -> Array:
+    """Return residuals (P, b) less the median of each group."""
+    apart = np.empty_like(of_model)
+    for own in np.split(np.argsort(group, kind="stable"), np.cumsum(np.bincount(group))[:-1]):
+        apart[own] = of_model[own] - np.median(of_model[own], axis=0)
+    return apart
 
 
 def _of_one_joint(readings: Observations, model: FittedModel, apart: Array, out: Mask) -> bool:
@@ -308,9 +362,7 @@ def moved_between_repeats(readings: Observations, of_model: Array, group: Index)
     several = np.bincount(group)[group] > 1
     if np.count_nonzero(several) <= ROWS.median_readings:
         return found
-    apart = np.empty_like(of_model)  # less the median of the group
-    for own in np.split(np.argsort(group, kind="stable"), np.cumsum(np.bincount(group))[:-1]):
-        apart[own] = of_model[own] - np.median(of_model[own], axis=0)
+    apart = _apart(of_model, group)
     rows = np.flatnonzero(several)
     rows = rows[np.argsort(readings.states.time_s[rows], kind="stable")]
     running_median = median_filter(apart[rows], size=(ROWS.median_readings, 1), mode="nearest")

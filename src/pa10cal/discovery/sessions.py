@@ -5,7 +5,8 @@ sessions that were put one after the other differ by a motion of the base betwee
 search this may look like an error of a joint that moved over another range in either. So where an
 error is left that has no name, a step of the base between two rows is compared with the same steps
 in the order of each joint's angles, which errors of that joint would make as likely. A base that
-moves slowly shows as one step beside another.
+moves slowly shows as one step beside another. Readings of the same poses at other rows tell more:
+their differences hold nothing of the pose, so that the zero of a joint that moved is told, too.
 """
 
 from __future__ import annotations
@@ -16,11 +17,12 @@ import numpy as np
 
 from pa10cal.arrays import Array, Index
 from pa10cal.discovery import jacobians
+from pa10cal.discovery.rules import CHANGE
 from pa10cal.discovery.tuning import SESSIONS
 from pa10cal.fit.discrepancy import less_far_off
 from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.observe.observations import Observations
-from pa10cal.observe.time_order import like_a_scan
+from pa10cal.observe.observations import Observations, reading_groups
+from pa10cal.observe.time_order import like_a_scan, measured_again, sorted_rows
 from pa10cal.results.discovery import Unexplained
 from pa10cal.terms.effects.joint_error_map import is_error_map
 
@@ -75,6 +77,90 @@ def moved_in_order(at: FittedModel, poses: Observations) -> Unexplained | None:
         f"{first} and from pose {poses.pose[in_order[again.first]]} on; give the time of each "
         "reading, and its motion is sought; of several sessions make a group",
     )
+
+
+def changed_between_repeats(at: FittedModel, readings: Observations) -> Unexplained | None:
+    """Return that readings of the same poses differ by how late they come in the rows, or None.
+
+    As if the zero of a joint, or the base, had moved: at once, steadily, or settling. Differences
+    of repeats hold nothing that goes with the pose; lost motion is taken out of them.
+
+    Args:
+        at: the model with the effects found.
+        readings: P complete single readings; their times, or the order of their rows, count.
+    """
+    states = readings.states
+    span_s = float(np.ptp(states.time_s)) if len(readings) else 0.0
+    if not span_s or states.campaign is not None or not measured_again(readings):
+        return None
+    if not states.tells_time and sorted_rows(states) is not None:
+        return None  # a table, whose order is not that of the measurement
+    repeats = _Repeats.of(at, readings)
+    places: dict[str, Array] = {
+        f"the zero of joint {joint}": jacobians.by_joints(at, readings, (joint,))
+        for joint in range(1, at.arm.n + 1)
+    }
+    places["the base or the instrument"] = jacobians.by_base(at, readings)
+    part: Array = (states.time_s - states.time_s.min()) / span_s
+    courses: list[Array] = [part, *(np.exp(-part / of_span) for of_span in CHANGE.settling)]
+    courses += [np.where(part > at_part, 1.0, 0.0) for at_part in SESSIONS.parts]
+    gains = {
+        place: max(repeats.gain(columns * course[:, None, None]) for course in courses)
+        for place, columns in places.items()
+    }
+    most = max(gains.values())
+    if most < float(np.log(len(places) * len(courses) / CHANGE.false_rate)):
+        return None
+    likely = [place for place, gain in gains.items() if gain > most - CHANGE.as_good_nats]
+    what_to_do = "measure more poses" if states.tells_time else "give the time of each reading"
+    return _unexplained(
+        _ORDER,
+        "readings of the same poses differ by how late they come in the rows, as if "
+        f"{' or '.join(likely)} had moved meanwhile, as of an arm that warms up or a motor that "
+        f"loses steps; {what_to_do}, and such motion is sought",
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Repeats:
+    """Differences of successive readings of the same pose and load, less lost motion."""
+
+    first: Index  # (D,) numbers of the earlier readings
+    second: Index  # (D,) and of the later ones
+    weight: Array  # (D, b) one over the stated uncertainty of their differences; 0 where not seen
+    by_arrival: Array  # (D b, m) orthonormal columns of what goes with the directions of arrival
+    difference: Array  # (D b,) of the residuals, weighted, without that
+
+    @classmethod
+    def of(cls, at: FittedModel, readings: Observations) -> _Repeats:
+        group = reading_groups(readings)
+        order = np.lexsort((readings.states.time_s, group))
+        again = np.flatnonzero(np.diff(group[order]) == 0)
+        first, second = order[again], order[again + 1]
+        measured = readings.measured
+        variance = np.diagonal(measured.stated_covariance, axis1=1, axis2=2)
+        both = measured.components_seen[first] & measured.components_seen[second]
+        weight = np.where(both, 1.0 / np.sqrt(variance[first] + variance[second]), 0.0)
+        joints = range(1, at.arm.n + 1)
+        lost = jacobians.by_joints(at, readings, joints) * readings.states.arrival[:, None, :]
+        flat = ((lost[second] - lost[first]) * weight[:, :, None]).reshape(weight.size, -1)
+        left, sizes, _ = np.linalg.svd(flat, full_matrices=False)
+        span = left[:, sizes > SESSIONS.least_singular * max(float(sizes.max()), 1.0)]
+        residual = at.compared(readings).residual
+        difference = ((residual[second] - residual[first]) * weight).ravel()
+        return cls(first, second, weight, span, difference - span @ (span.T @ difference))
+
+    def gain(self, columns: Array) -> float:
+        """Return the gain of log evidence by columns (P, b, k), by Schwarz's criterion."""
+        of_pairs = (columns[self.second] - columns[self.first]) * self.weight[:, :, None]
+        flat = of_pairs.reshape(self.weight.size, -1)
+        flat = flat - self.by_arrival @ (self.by_arrival.T @ flat)
+        amounts = np.linalg.lstsq(flat, self.difference)[0]
+        rest = self.difference - flat @ amounts
+        tiny, readings = np.finfo(float).tiny, int(np.count_nonzero(self.weight))
+        ratio = max(float(self.difference @ self.difference), tiny) / max(float(rest @ rest), tiny)
+        unknowns = flat.shape[1] + 1  # one more is the course
+        return 0.5 * (readings * float(np.log(ratio)) - unknowns * float(np.log(max(readings, 1))))
 
 
 def _unexplained(of: str, why: str) -> Unexplained:

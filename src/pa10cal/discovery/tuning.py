@@ -48,6 +48,8 @@ class Sessions:
     # angle of any joint on (level)
     least_nats: float = 4.6
     least_singular: float = 1e-9  # singular values that are none, in the largest (computing)
+    # parts of the rows after which repeats are looked at for a step (computing)
+    parts: tuple[float, ...] = tuple(round(0.1 * k, 1) for k in range(1, 10))
     # share of its squares below which a motion of the base is one of the model's (computing)
     least_share: float = 1e-10
 
@@ -116,7 +118,7 @@ class Computing:
     not_fitted: float = 1e-9  # size of a parameter that is not to be fitted (computing)
     no_waves_rad: float = 1e-12  # size of waves that a map has no knots for [rad] (computing)
     # poses times columns of rows that are kept, where they are needed again (computing)
-    most_kept: int = 1_500_000
+    most_kept: int = 1_000_000
     tiny: float = 1e-300  # a sum of weights that is none (computing)
     # correlations are kept from one, where their transform has no end (computing)
     most_correlation: float = 1.0 - 1e-9

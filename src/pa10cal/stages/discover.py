@@ -83,7 +83,7 @@ def discover(
 
 
 def verdict_lines(verdict: VerdictKeys) -> Iterator[str]:
-    """Yield a verdict in a few lines; in one, and its faults, where effects were not sought."""
+    """Yield a verdict in a few lines; in one, faults and what changed, where none were sought."""
     from pa10cal.terms.wording import fault_text, headline, parameters_text, sentences
 
     word, lead = verdict.verdict, verdict.explained
@@ -93,14 +93,14 @@ def verdict_lines(verdict: VerdictKeys) -> Iterator[str]:
         yield word if lead is None else f"{headline(lead)} (verdict: {word})"
     for fault in verdict.faults:
         yield f"  {fault_text(fault)}"
-    if word == "not_sought":
-        return
     for sentence in () if lead is None else sentences(lead):
         yield f"  {sentence}"
     for effect in verdict.effects_by_share:
         yield f"  {_effect_line(effect)}"
     for place in verdict.unexplained.all if verdict.unexplained else ():
         yield f"  without a name, of {place.of or 'unknown place'}: {place.why}"
+    if word == "not_sought":
+        return
     for proposed in verdict.proposed or ():
         size = parameters_text(proposed.parameters)
         yield f"  proposed for {proposed.of}, no name: {proposed.formula}, {size}"
