@@ -34,7 +34,7 @@ def postures(arm, seed, count=7):
 
 def vocabulary(arm):
     """Every term that can be made of the arm: links, a spring, the tool, all effects everywhere."""
-    context = context_of(arm, tau_span_Nm=np.full(arm.n, 50.0), commanded=False)
+    context = context_of(arm, largest_tau_Nm=np.full(arm.n, 50.0), commanded=False)
     effects = [
         effect
         for effect in candidates(context)

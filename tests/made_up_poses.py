@@ -85,7 +85,7 @@ def context_of(arm, **known) -> CandidateContext:
     usual = {
         "flexible_joints": (2,),
         "reference_temperature_C": 21.0,
-        "tau_span_Nm": np.full(arm.n, 30.0),
+        "largest_tau_Nm": np.full(arm.n, 30.0),
         "p_instr_middle_m": np.array([0.4, 0.5, 0.6]),
         "q_span_rad": np.tile([-1.5, 1.5], (arm.n, 1)),
         "time_span_s": (100.0, 4e4),

@@ -40,7 +40,7 @@ def contexts(robot, seed):
     return context_of(
         arm,
         reference_temperature_C=float(rng.uniform(10.0, 30.0)),
-        tau_span_Nm=rng.uniform(0.1, 200.0, arm.n),
+        largest_tau_Nm=rng.uniform(0.1, 200.0, arm.n),
         p_instr_middle_m=rng.uniform(-3.0, 3.0, 3),
         q_span_rad=np.column_stack([low, low + rng.uniform(0.1, 3.0, arm.n)]),
         time_span_s=(0.0, float(rng.uniform(1.0, 1e5))),

@@ -24,8 +24,8 @@ from pa10cal.arrays import Array
 #: Largest deviation of axes that count as parallel [rad], and as meeting [m].
 _PARALLEL_RAD = 2e-3
 _MEETING_M = 2e-3
-#: The two angles of a joint are kept at least 0.02 rad apart, this the cosine of half of that. They
-#: are one angle in a singularity, from which a search would go to neither branch.
+#: The two angles of a joint are kept at least 0.02 rad apart, this the cosine of half of that. At a
+#: singularity both coincide; a search started there would reach neither branch.
 _BRANCH_COSINE = float(np.cos(0.01))
 
 

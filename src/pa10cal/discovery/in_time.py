@@ -492,8 +492,8 @@ def grows_instead(
 ) -> bool:
     """Return whether an arm that grows steadily in time leaves no more than a drift of the base.
 
-    Never where temperatures were logged: then growth is sought itself. Of squared errors over the
-    stated noise, beside all else in the model, whose parameters are fitted again.
+    Never where temperatures were logged in all rows: then growth is sought itself. Of squared
+    errors over the stated noise, beside all else in the model, whose parameters are fitted again.
 
     Args:
         drift: a term of the model.
@@ -501,7 +501,7 @@ def grows_instead(
         model: the model with the drift.
         poses: P complete single readings.
     """
-    if np.isfinite(poses.states.temperature_C).any():
+    if why_unknown(growth, poses.states, logged=False, weights=False) is None:
         return False
     poses = poses.take(spread_over_time(poses, MOTION.most_readings))
     others = [term for term in model.model.terms if term != drift]

@@ -12,7 +12,7 @@ import numpy as np
 
 from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import Payload, PoseStates
-from pa10cal.arrays import Array, Mask
+from pa10cal.arrays import Array, Index, Mask
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.description import CampaignDescription
 from pa10cal.discovery.finding import Untestable
@@ -157,7 +157,7 @@ def _reversed_arrivals(every: Observations) -> list[DiagnosedFault]:
             where=f"joint {joint}",
             what=f"joint {joint} is logged to arrive from the other side than where it stood "
             "before, nearly always, and the other joints are not; its directions were reversed",
-            remedy=f"check the sign of q{joint}_deg in the log of approaches",
+            remedy=f"check the sign of the directions of arrival of joint {joint}",
         )
         for joint in (np.flatnonzero(reversed_joints(every)) + 1).tolist()
     ]
@@ -220,7 +220,7 @@ def context_of(
         arm=baseline.model.chain.arm,
         flexible_joints=tuple(term.joint for term in terms if is_spring(term)),
         reference_temperature_C=setup.reference_temperature_C,
-        tau_span_Nm=np.abs(
+        largest_tau_Nm=np.abs(
             states.tau_Nm if states.static_loads is None else states.static_loads.joint_Nm
         ).max(axis=0),
         p_instr_middle_m=np.mean(states.seen.p_instr_targets_m.reshape(-1, 3), axis=0),
@@ -263,19 +263,26 @@ def why_unknown(effect: Effect, states: PoseStates, *, logged: bool, weights: bo
     calculated = getattr(effect, "of_calculated", False)
     if shows_torque(effect) and not (logged or calculated):
         return "the torques were not logged"
-    start = effect.starts[0]
+    first = effect.starts[0]
     try:
         columns = [effect.derivative(states, start) for start in effect.starts]
     except CalibrationError as error:
         return error.what
-    if not all(np.all(np.isfinite(values)) for values in columns):
-        return "what it depends on was not logged"
+    if why := _why_not_logged(columns):
+        return why
     if shows_torque(effect):
         if not (weights or calculated):
             return "the torques of the weights are not known"
-        if not np.all(np.isfinite(effect.torque_derivative(states, start))):
-            return "what it depends on was not logged"
+        return _why_not_logged([effect.torque_derivative(states, first)])
     return None
+
+
+def _why_not_logged(columns: Sequence[Array]) -> str | None:
+    """Return in how many of P rows derivatives (P, …) are not known; None where in none."""
+    known = np.all([np.isfinite(v).reshape(len(v), -1).all(axis=1) for v in columns], axis=0)
+    lost = int(np.sum(~known))
+    of_rows = f" in {lost} of {len(known)} rows" if lost < len(known) else ""
+    return f"what it depends on was not logged{of_rows}" if lost else None
 
 
 def computable(
@@ -302,6 +309,24 @@ def why_hidden(share: float, signal: float) -> str | None:
     return None
 
 
+def _within_a_turn(q_rad: Array) -> Array:
+    """Return angles (P,) modulo a turn, which begins in the middle of their largest gap."""
+    turn = 2.0 * np.pi
+    angles = np.sort(q_rad % turn)
+    gaps = np.diff(angles, append=angles[0] + turn)
+    widest = int(np.argmax(gaps))
+    return np.asarray((q_rad - angles[widest] - 0.5 * gaps[widest]) % turn)
+
+
+def _places(q: Array) -> Index:
+    """Return a number for each position (P,) of a joint; those of the same pose have the same."""
+    rising, firsts, k = np.unique(q), [], 0
+    while k < len(rising):
+        firsts.append(rising[k])
+        k = int(np.searchsorted(rising, rising[k] + NOISE.same_pose, side="right"))
+    return np.asarray(np.searchsorted(firsts, q, side="right") - 1)
+
+
 def why_few_angles(effect: Effect, states: PoseStates) -> str | None:
     """Return why a joint took too few angles for a map of its errors; None where it did not.
 
@@ -315,11 +340,13 @@ def why_few_angles(effect: Effect, states: PoseStates) -> str | None:
     """
     if not is_error_map(effect):
         return None
-    poses = np.unique(np.round(states.q_rad / NOISE.same_pose), axis=0)
+    q_rad = states.q_rad.copy()
+    own = q_rad[:, effect.joint - 1] = _within_a_turn(q_rad[:, effect.joint - 1])
+    poses = np.unique(np.stack([_places(q) for q in q_rad.T], axis=1), axis=0)
     angles, poses_at = np.unique(poses[:, effect.joint - 1], return_counts=True)
     if np.median(poses_at) < 2:
         return None
-    turns = NOISE.same_pose * float(np.ptp(angles)) / (2.0 * np.pi)
+    turns = float(np.ptp(own)) / (2.0 * np.pi)
     # A cubic spline has three freedoms more than intervals between knots; a periodic one has none.
     freedoms = min(effect.knots * turns + 3.0, float(effect.knots))
     if len(angles) >= MAPS.angles_a_freedom * freedoms:

@@ -1,4 +1,4 @@
-"""Every number on which a verdict depends: what it bounds, its unit and its source.
+"""Numbers on which verdicts depend, but for `tuning`: what each bounds, its unit and source.
 
 The source is in brackets: `level`, a probability or odds that were chosen; `statistics`, what
 theory says; `size`, what parts of robots and instruments are like; `trials`, what parted right from

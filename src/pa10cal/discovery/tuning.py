@@ -1,6 +1,7 @@
-"""Tuning constants of discovery, on which no verdict depends: fields, formulas, poses, fits.
+"""Tuning constants of discovery: fields, formulas, poses, fits, and sessions of the arm.
 
-Numbers on which a verdict does depend are in `discovery/rules.py`; `docs/discovery.md` has all.
+Those of sessions and short forms decide what verdicts tell of sessions and formulas. All other
+numbers on which verdicts depend are in `discovery/rules.py`; `docs/discovery.md` has all.
 """
 
 from __future__ import annotations

@@ -24,7 +24,7 @@ from pa10cal.discovery.blocked_cv.survey import Survey, consecutive_blocks
 from pa10cal.discovery.jacobians import by_joints, by_terms
 from pa10cal.discovery.model_with_effects import with_base_motion
 from pa10cal.discovery.pose_scatter import unweighted
-from pa10cal.discovery.preparation import Prepared
+from pa10cal.discovery.preparation import Prepared, why_few_angles
 from pa10cal.discovery.rules import BLOCKS
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.numerics.periodic_spline import b_splines_by_knots, harmonics_at_knots
@@ -160,6 +160,11 @@ def test_no_map_is_sought_of_a_joint_that_a_grid_has_at_few_angles(few):
     survey = at_angles(few, 3, 4)
     rows = BlockedRows(survey, unweighted(survey.poses.measured), (), 144)
     found = family(rows, rows.normal_equations())
+    states = survey.poses.states
+    off_rad = 2.0 * np.pi * (np.arange(len(states.q_rad)) % 3 - 1)  # whole turns, and jitter
+    off_rad = off_rad + np.random.default_rng(0).uniform(-5e-4, 5e-4, len(off_rad))
+    turned = replace(states, q_rad=states.q_rad + off_rad[:, None] * (np.arange(6) == 2))
+    assert why_few_angles(JointErrorMap("joint 3"), turned) == found.hidden[0].why
     assert {each.effect.of for each in found.shown} == {f"joint {k}" for k in (1, 2, 4, 5, 6)}
     (hidden,) = found.hidden
     assert hidden.effect == JointErrorMap("joint 3")

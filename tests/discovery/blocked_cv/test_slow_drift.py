@@ -18,7 +18,7 @@ from pa10cal.discovery.blocked_cv.interleaved_check import (
 )
 from pa10cal.discovery.in_time import grows_instead
 from pa10cal.discovery.jacobians import by_base, by_terms
-from pa10cal.discovery.preparation import Prepared
+from pa10cal.discovery.preparation import Prepared, why_unknown
 from pa10cal.discovery.target_wander import TargetWander, in_words, target_wander, wander_instead_of
 from pa10cal.fit.model_reading import model_from_plain
 from pa10cal.fit.model_writing import model_to_plain
@@ -286,6 +286,12 @@ def test_a_drift_in_whose_place_the_arm_grew_is_not_named(grows):
     poses = poses.with_measured(p_instr_m=predicted_m + (moved - residual).reshape(-1, 3, 3))
     assert grows_instead(drift, growth, at, poses.with_states(unlogged)) == grows
     assert not grows_instead(drift, growth, at, poses)
+    assert why_unknown(growth, poses.states, logged=False, weights=False) is None
+    but_one = replace(poses.states, temperature_C=unlogged.temperature_C.copy())
+    but_one.temperature_C[1:] = 300.0
+    why = f"what it depends on was not logged in 1 of {len(poses)} rows"
+    assert why_unknown(growth, but_one, logged=False, weights=False) == why
+    assert grows_instead(drift, growth, at, poses.with_states(but_one)) == grows
 
 
 @pytest.mark.slow

@@ -283,7 +283,7 @@ def test_singles_have_the_size_that_the_vocabulary_holds_for_plausible():
         arm=arm,
         flexible_joints=(2, 3),
         reference_temperature_C=21.0,
-        tau_span_Nm=arm.torque_limit_Nm,
+        largest_tau_Nm=arm.torque_limit_Nm,
         p_instr_middle_m=np.zeros(3),
         q_span_rad=arm.limits_rad,
         time_span_s=(0.0, 3600.0),

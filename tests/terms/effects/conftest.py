@@ -33,7 +33,7 @@ def some_surroundings(arm: Arm = ARM) -> CandidateContext:
     return context_of(
         arm,
         flexible_joints=(2, 3, 5),
-        tau_span_Nm=np.abs(states.tau_Nm).max(0),
+        largest_tau_Nm=np.abs(states.tau_Nm).max(0),
         q_span_rad=np.stack([states.q_rad.min(0), states.q_rad.max(0)], axis=-1),
     )
 

@@ -36,6 +36,8 @@ def test_sizes_go_by_what_joints_carried_where_their_rating_is_not_known():
     arm = load_arm("ur10")
     carried_Nm = np.array([0.0, 100.0, 60.0, 8.0, 5.0, 1.0])
     unrated = replace(arm, torque_limit_Nm=np.full(6, np.nan))
-    assert context_of(arm, tau_span_Nm=carried_Nm).rated_Nm.tolist() == arm.torque_limit_Nm.tolist()
-    sizes = context_of(unrated, tau_span_Nm=carried_Nm).rated_Nm
+    assert (
+        context_of(arm, largest_tau_Nm=carried_Nm).rated_Nm.tolist() == arm.torque_limit_Nm.tolist()
+    )
+    sizes = context_of(unrated, largest_tau_Nm=carried_Nm).rated_Nm
     assert sizes.tolist() == [5, 100, 60, 8, 5, 5]

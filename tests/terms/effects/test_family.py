@@ -303,7 +303,7 @@ def test_where_nothing_can_show_nothing_is_tried(context):
         replace(
             context,
             arm=replace(context.arm, prismatic=slides),
-            tau_span_Nm=np.array([50.0, 0.0, np.nan, 0.1, 5.0, 0.2]),
+            largest_tau_Nm=np.array([50.0, 0.0, np.nan, 0.1, 5.0, 0.2]),
             q_span_rad=np.tile([0.3, 0.3], (6, 1)),
             time_span_s=(7.0, 7.0),
         )

@@ -304,7 +304,7 @@ def test_soft_windup_is_steep_at_zero_torque_and_saturates(at, states):
 
 def test_soft_windup_is_looked_for_at_the_torques_carried(at, context):
     starts = np.array(at("soft_windup", "joint 2").starts)
-    np.testing.assert_allclose(starts[:, 1], context.tau_span_Nm[1] * np.array([0.1, 0.3, 1.0]))
-    little = replace(context, tau_span_Nm=0.011 * context.arm.torque_limit_Nm)
+    np.testing.assert_allclose(starts[:, 1], context.largest_tau_Nm[1] * np.array([0.1, 0.3, 1.0]))
+    little = replace(context, largest_tau_Nm=0.011 * context.arm.torque_limit_Nm)
     (effect,) = [e for e in type(at("soft_windup", "joint 2")).everywhere(little) if e.joint == 2]
     np.testing.assert_allclose([start[1] for start in effect.starts], [0.005 * 232, 0.011 * 232])

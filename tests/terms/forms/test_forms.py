@@ -25,7 +25,7 @@ def states():
 def context(states):
     return context_of(
         load_arm("pa10_6ce"),
-        tau_span_Nm=np.abs(states.tau_Nm).max(0),
+        largest_tau_Nm=np.abs(states.tau_Nm).max(0),
         q_span_rad=np.stack([states.q_rad.min(0), states.q_rad.max(0)], axis=-1),
         time_span_s=(float(states.time_s[0]), float(states.time_s[-1])),
     )

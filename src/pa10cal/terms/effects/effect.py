@@ -62,7 +62,7 @@ class CandidateContext:
     arm: Arm  # the nominal arm
     flexible_joints: tuple[int, ...]  # joints, from 1, to which the model gives a spring
     reference_temperature_C: float  # temperature at which lengths are nominal
-    tau_span_Nm: Array  # (n,) largest torque that each joint carried
+    largest_tau_Nm: Array  # (n,) largest torque that each joint carried
     p_instr_middle_m: Array  # (3,) middle of the measured places in the instrument's frame
     q_span_rad: Array  # (n, 2) lowest and highest angle that each joint took
     time_span_s: tuple[float, float]  # first and last reading of the campaign
@@ -82,7 +82,7 @@ class CandidateContext:
 
         The largest torque carried where no rating is stated, and 1 N m where that is zero as well.
         """
-        rated_Nm = self.arm.rated_Nm(self.tau_span_Nm)
+        rated_Nm = self.arm.rated_Nm(self.largest_tau_Nm)
         return np.where(rated_Nm == 0.0, 1.0, rated_Nm)
 
     def rated_at(self, joint: int) -> float:
@@ -91,7 +91,7 @@ class CandidateContext:
 
     def carried_at(self, joint: int) -> float:
         """Return the largest torque that a joint, from 1, carried [N m]; 0 if it is negligible."""
-        carried_Nm = float(self.tau_span_Nm[joint - 1])
+        carried_Nm = float(self.largest_tau_Nm[joint - 1])
         return carried_Nm if carried_Nm > _LOADED_SHARE * self.rated_at(joint) else 0.0
 
     def span_at(self, joint: int) -> tuple[float, float] | None:
@@ -519,7 +519,7 @@ def vocabulary_of(arm: Arm) -> tuple[tuple[Effect, ...], ...]:
         arm=arm,
         flexible_joints=(),
         reference_temperature_C=20.0,
-        tau_span_Nm=arm.rated_Nm(np.ones(arm.n)),
+        largest_tau_Nm=arm.rated_Nm(np.ones(arm.n)),
         p_instr_middle_m=np.zeros(3),
         q_span_rad=arm.joint_ranges_rad,
         time_span_s=(0.0, 3600.0),
