@@ -148,6 +148,13 @@ def test_the_orientation_is_of_the_body_that_moves(roles, sign):
     assert found.attitude[0] == tuple(tool[3:])
 
 
+def test_joints_are_no_quaternion_beside_a_base_at_rest(roles):
+    q = [f"q{k}" for k in range(1, 5)]
+    base = [f"base_{axis}" for axis in ("x", "y", "z", "qx", "qy", "qz", "qw")]
+    found = roles([*q, *base, "x", "y", "z"], 4, still=base)
+    assert (found.joints, found.attitude) == (tuple(q), None)
+
+
 def test_a_letter_that_tells_columns_apart_is_no_unit(roles):
     tcp = [f"tcp_{letter}" for letter in "XYZABC"]
     found = roles([*J, *tcp], 6)

@@ -11,6 +11,7 @@ import yaml
 from scipy.spatial.transform import Rotation
 
 from made_up_sightings import is_read, sighted
+from pa10cal.campaign.matrices import matrix_columns, rotation_columns
 from pa10cal.campaign.own_columns import FileColumns
 from pa10cal.campaign.read import read_campaign
 from pa10cal.campaign.recognise import roles_of
@@ -124,6 +125,27 @@ def test_an_orientation_that_is_not_read_is_said(tmp_path, proposed, what):
     out = proposed("a.csv")
     assert ("which is not read" in out) == (what != "none")
     assert f"check rotation: {said[what]} seem" in out if what in said else True
+
+
+def test_a_matrix_is_one_though_the_target_was_not_seen_in_a_row():
+    T = np.broadcast_to(np.eye(4), (20, 4, 4)).copy()
+    T[:, :3, :3] = Rotation.random(20, rng=np.random.default_rng(1)).as_matrix()
+    T[3] = np.nan
+    nine, sixteen = [f"R{k}" for k in range(9)], [f"T{k}" for k in range(16)]
+    assert rotation_columns(nine, T[:, :3, :3].reshape(20, 9)) == tuple(nine)
+    assert [each.moves for each in matrix_columns(sixteen, T.reshape(20, 16))] == [True]
+
+
+def test_numbers_in_brackets_may_be_those_of_a_quaternion(tmp_path, proposed):
+    """And not of repeated names."""
+    raw = sighted(tmp_path, "pose")
+    q = Rotation.from_matrix(raw.T_instr_target[:, :3, :3]).as_quat()
+    names = ["x", "y", "z", "level", *(f"rot ({k})" for k in range(1, 5))]
+    level = np.full((len(q), 1), 0.3)
+    table = with_joints(raw, names, 1e3 * raw.T_instr_target[:, :3, 3], level, q)
+    table.to_csv(tmp_path / "a.csv", index=False)
+    out = proposed("a.csv")
+    assert "rot (1), rot (2), rot (3), rot (4) seem to hold an orientation" in out
 
 
 def detection(tag, T):

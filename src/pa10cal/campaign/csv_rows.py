@@ -166,6 +166,8 @@ _IN_THOUSANDS = {
     ".": re.compile(r"[-+]?\d{1,3}(\.\d{3})+,\d+"),
     ",": re.compile(r"[-+]?\d{1,3}(,\d{3})+\.\d+"),
 }
+#: What `same_name` returns of the second column of a name, and of later ones.
+_REPEATED = re.compile(r"(?P<name>.*) \(\d+\)")
 CONTRACT = Layout()
 
 
@@ -182,6 +184,12 @@ def numbered_apart(names: Sequence[str]) -> list[str]:
 def same_name(name: str, k: int) -> str:
     """Return the unique name of the k-th column, from 1, with a name."""
     return name if k == 1 else f"{name} ({k})"
+
+
+def is_repeated(name: str, names: Sequence[str]) -> bool:
+    """Return whether a name is that of another column with a number, see `numbered_apart`."""
+    found = _REPEATED.fullmatch(name)
+    return found is not None and found["name"] in names
 
 
 def column_names(path: Path, layout: Layout = CONTRACT, within: Path | None = None) -> list[str]:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from pa10cal.campaign.csv_rows import CONTRACT
+from pa10cal.arrays import Array
+from pa10cal.campaign.csv_rows import CONTRACT, is_repeated
 from pa10cal.campaign.joint_names import aliases_by_text, named_joints
 from pa10cal.campaign.matrices import quaternion_columns, rotation_columns, with_matrix
 from pa10cal.campaign.recognise import (
@@ -30,8 +30,10 @@ _NUMBERS_SHARE = 0.5
 _NO_ORIENTATION = ("uncertain", "deviation", "no position", "commanded", "torque", "force")
 #: Columns of numbers that are called an orientation, at least.
 _LEAST = 3
-#: The second of two columns of one name, as of another arm.
-_AGAIN = re.compile(r".* \(\d+\)")
+#: Letters of the place of a body, as in t_x and p1.
+_LETTERS_OF_PLACE = ("t", "p")
+#: Kinds of words that name no body.
+_NO_WORDS_OF_BODY = ("of any joint", "rotation", "quaternion", "translation", "vector")
 
 
 def roles_of_file(sniffed: Sniffed, joints: int | None, joint_names: Sequence[str]) -> Roles:
@@ -57,10 +59,13 @@ def _with_moving_orientation(roles: Roles, sniffed: Sniffed) -> Roles:
     """
     readings = {place: sniffed.columns(names) for place, names in roles.positions.items()}
     at_rest = {_words_of_body(roles.positions[place]) for place in standing(readings)} - {()}
-    attitude, names = roles.attitude, list(sniffed.names)
+    # no orientation, though q1 … q4 may seem to be one
+    taken = {*roles.joints, *roles.torques, *roles.uncertain.values(), *_text_columns(sniffed)}
+    free = [name for name in sniffed.names if name not in taken]
+    attitude = roles.attitude
     while attitude is not None and _words_of_body(attitude[0]) in at_rest:
-        names = [name for name in names if name not in attitude[0]]
-        attitude = roles_of(names, None).attitude
+        free = [name for name in free if name not in attitude[0]]
+        attitude = roles_of(free, None).attitude
     return replace(roles, attitude=attitude)
 
 
@@ -72,57 +77,80 @@ def _with_place_of_oriented_body(roles: Roles) -> Roles:
     if roles.attitude is None:
         return roles
     columns, _ = roles.attitude
-    vector = has_word(words_of_name(columns[0]), "rotation vector")
+    by_vector = has_word(words_of_name(columns[0]), "rotation vector")
 
-    def other(place: str) -> tuple[bool, bool, bool]:
+    def rank(place: str) -> tuple[bool, bool, bool]:
+        """Return the sort key of a position, False first.
+
+        Measured before commanded ones; then that of the same body; then, if the orientation is a
+        rotation vector, translations.
+        """
         names = roles.positions[place]
         words = words_of_name(names[0])
-        translation = has_word(words, "translation")
-        of_other = _words_of_body(names) != _words_of_body(columns)
-        return has_word(words, "commanded"), of_other, vector and not translation
+        is_commanded = has_word(words, "commanded")
+        is_of_other_body = _words_of_body(names) != _words_of_body(columns)
+        return is_commanded, is_of_other_body, by_vector and not has_word(words, "translation")
 
-    return replace(
-        roles, positions={k: roles.positions[k] for k in sorted(roles.positions, key=other)}
-    )
+    places = sorted(roles.positions, key=rank)
+    return replace(roles, positions={place: roles.positions[place] for place in places})
 
 
 def _words_of_body(columns: Sequence[str]) -> tuple[str, ...]:
     """Return the words that all columns of a position or orientation share, as of their body."""
     first, *others = map(words_of_name, columns)
     shared = [word for word in first if all(word in words for words in others)]
-    kinds = "of any joint", "rotation", "quaternion", "translation", "vector"
-    shared = [word for word in shared if word not in ("t", "p")]
-    return tuple(word for word in shared if not has_word([word], *kinds))
+    return tuple(
+        word
+        for word in shared
+        if word not in _LETTERS_OF_PLACE and not has_word([word], *_NO_WORDS_OF_BODY)
+    )
+
+
+def _text_columns(sniffed: Sniffed) -> list[str]:
+    """Return the columns most of whose fields are words."""
+    return [
+        name
+        for name in sniffed.names
+        if (fields := _filled(sniffed, name))
+        and np.isfinite(sniffed.column(name)).sum() < _NUMBERS_SHARE * len(fields)
+    ]
+
+
+def _filled(sniffed: Sniffed, name: str) -> list[str]:
+    """Return the fields of a column that are not blank."""
+    return [field for field in sniffed.words(name) if field]
 
 
 def _roles_by_name(sniffed: Sniffed, joints: int | None, joint_names: Sequence[str]) -> Roles:
     """Return the roles of the columns of a file by names, joints in the order of the arm's."""
-    fields = {name: [word for word in sniffed.words(name) if word] for name in sniffed.names}
-    text_columns = [
-        name
-        for name, words in fields.items()
-        if words and np.isfinite(sniffed.column(name)).sum() < _NUMBERS_SHARE * len(words)
-    ]
-    constant_text = {name: fields[name][0] for name in text_columns if len(set(fields[name])) == 1}
+    text_columns = _text_columns(sniffed)
+    texts = {name: set(_filled(sniffed, name)) for name in text_columns}
+    constant_text = {name: words.pop() for name, words in texts.items() if len(words) == 1}
     alias_of = {name: name for name in sniffed.names}
     alias_of |= aliases_by_text(sniffed.names, constant_text)
-    column_of_alias = {alias: name for name, alias in alias_of.items()}
+    name_of = {alias: name for name, alias in alias_of.items() if name not in text_columns}
 
-    def by_name(count: int | None, *, torques: bool) -> tuple[str, ...]:
-        candidates = []
-        for name, alias in alias_of.items():
-            words = words_of_name(alias)
-            uncertain = len(words) > 1 and has_word(words[:1], "uncertain")
-            excluded = uncertain or has_word(words, "deviation", "no position")
-            if name not in text_columns and not excluded and has_word(words, "torque") == torques:
-                candidates.append(alias)
-        found = named_joints(candidates, count, joint_names)
-        return tuple(column_of_alias[alias] for alias in found)
+    def by_joint(count: int | None, *, torques: bool) -> tuple[str, ...]:
+        """Return the columns of positions, or torques, of `count` joints in order; empty for none.
 
-    positions = by_name(joints, torques=False)
-    torques = by_name(joints or len(positions) or None, torques=True)
+        Of shoulder_pos, elbow_pos and elbow_std these are the first two; of name0, position0, …,
+        where name0 has the text "elbow", position0 is an alias "elbow position".
+        """
+        aliases = [alias for alias in name_of if _may_be_of_joint(alias, torques=torques)]
+        return tuple(name_of[alias] for alias in named_joints(aliases, count, joint_names))
+
+    positions = by_joint(joints, torques=False)
+    torques = by_joint(joints or len(positions) or None, torques=True)
     roles = roles_of(sniffed.names, joints, text_columns, positions)
     return replace(roles, torques=torques) if torques and positions else roles
+
+
+def _may_be_of_joint(name: str, *, torques: bool) -> bool:
+    """Return whether a column may hold positions, or torques, of a joint: not their uncertainty."""
+    words = words_of_name(name)
+    uncertain = len(words) > 1 and has_word(words[:1], "uncertain")
+    excluded = uncertain or has_word(words, "deviation", "no position")
+    return not excluded and has_word(words, "torque") == torques
 
 
 def orientation_not_read(sniffed: Sniffed, roles: Roles) -> tuple[str, ...]:
@@ -130,23 +158,60 @@ def orientation_not_read(sniffed: Sniffed, roles: Roles) -> tuple[str, ...]:
 
     By their names or by their numbers, a moving unit quaternion or matrix, or as text.
     """
-    free = [name for name in sniffed.names if name not in _read(roles)]
-    titles = dict(zip(sniffed.names, sniffed.titles or sniffed.names, strict=True))
-    free = [n for n in free if not has_word(words_of_name(titles[n]), *_NO_ORIENTATION)]
-    free = [n for n in free if not _AGAIN.fullmatch(titles[n])]
-    numbers = {name: sniffed.column(name) for name in free}
-    known = [name for name in free if np.isfinite(numbers[name]).mean() > 0.5]
-    moving = [name for name in known if np.nanmax(numbers[name]) > np.nanmin(numbers[name])]
-    found = attitude_of([titles[name] for name in moving])
-    if found is not None:
-        return found[0]
-    columns = np.column_stack([numbers[name] for name in moving]) if moving else np.zeros((0, 0))
-    by_numbers = rotation_columns(moving, columns) or quaternion_columns(moving, columns)
-    called = [name for name in free if has_word(words_of_name(titles[name]), "orientation")]
-    texts = [n for n in called if n not in known and any("[" in w for w in sniffed.words(n)[:5])]
-    called = [name for name in called if name in moving]
-    chosen: Sequence[str] = by_numbers or texts or (called if len(called) >= _LEAST else ())
-    return tuple(titles[name] for name in chosen)
+    titles = sniffed.titles or sniffed.names
+    read = _read(roles)
+    unread = {
+        title: name
+        for name, title in zip(sniffed.names, titles, strict=True)
+        if name not in read
+        and not has_word(words_of_name(title), *_NO_ORIENTATION)
+        and not is_repeated(title, titles)
+    }
+    numbers = {title: sniffed.column(name) for title, name in unread.items()}
+    moving = {title: values for title, values in numbers.items() if _moves(values)}
+    by_name = attitude_of(list(moving))
+    if by_name is not None:
+        return by_name[0]
+    return _rotation_by_numbers(moving) or _called_orientation(sniffed, unread, moving)
+
+
+def _moves(values: Array) -> bool:
+    """Return whether a column (N,) has mostly numbers, which differ."""
+    return _mostly_numbers(values) and bool(np.nanmax(values) > np.nanmin(values))
+
+
+def _mostly_numbers(values: Array) -> bool:
+    return bool(np.isfinite(values).mean() > 0.5)
+
+
+def _rotation_by_numbers(moving: Mapping[str, Array]) -> tuple[str, ...]:
+    """Return the titles of a rotation matrix or a quaternion among columns (N,); empty for none."""
+    if not moving:
+        return ()
+    titles, numbers = list(moving), np.column_stack(list(moving.values()))
+    return rotation_columns(titles, numbers) or quaternion_columns(titles, numbers)
+
+
+def _called_orientation(
+    sniffed: Sniffed, unread: Mapping[str, str], moving: Collection[str]
+) -> tuple[str, ...]:
+    """Return the titles of lists as text, else of numbers, that are called an orientation.
+
+    Args:
+        sniffed: the file.
+        unread: columns by their titles.
+        moving: titles of those whose numbers differ.
+    """
+    called = [title for title in unread if has_word(words_of_name(title), "orientation")]
+    lists = tuple(title for title in called if _are_lists(sniffed, unread[title]))
+    numbers = tuple(title for title in called if title in moving)
+    return lists or (numbers if len(numbers) >= _LEAST else ())
+
+
+def _are_lists(sniffed: Sniffed, name: str) -> bool:
+    """Return whether a column is text like [0.1, 0.2, 0.3]."""
+    lists = any("[" in field for field in sniffed.words(name)[:5])
+    return lists and not _mostly_numbers(sniffed.column(name))
 
 
 def _read(roles: Roles) -> set[str]:

@@ -44,9 +44,9 @@ def matrix_columns(names: Sequence[str], numbers: Array) -> list[MatrixColumns]:
                 continue
             at = np.arange(size).reshape((4, 4) if size == 16 else (3, 4))
             at = k + (at.T if by_columns else at)
-            values = some[:, at]
+            values = _whole_rows(some[:, at])
             if _are_matrices(values):
-                moves = bool(np.nanmax(np.ptp(values, axis=0)) > _SAME_MATRIX)
+                moves = bool(np.ptp(values, axis=0).max() > _SAME_MATRIX)
                 rotation = tuple(names[j] for j in at[:3, :3].ravel().tolist())
                 position = tuple(names[j] for j in at[:3, 3].tolist())
                 found.append(MatrixColumns(rotation, position, moves))
@@ -59,6 +59,11 @@ def matrix_columns(names: Sequence[str], numbers: Array) -> list[MatrixColumns]:
         return (not matrix.moves, has_word(words, "commanded"))
 
     return sorted(found, key=later)
+
+
+def _whole_rows(values: Array) -> Array:
+    """Return the rows (N, …) without blanks, as of a target that was not seen in the others."""
+    return values[np.isfinite(values).all(axis=tuple(range(1, values.ndim)))]
 
 
 def _are_matrices(values: Array) -> bool:
@@ -89,7 +94,7 @@ def rotation_columns(names: Sequence[str], numbers: Array) -> tuple[str, ...]:
     """
     some = numbers[spread(len(numbers), _LOOKED_AT)]
     for k in range(len(names) - 8):
-        R = some[:, k : k + 9].reshape(-1, 3, 3)
+        R = _whole_rows(some[:, k : k + 9]).reshape(-1, 3, 3)
         if _are_matrices(R) and np.ptp(R, axis=0).max() > _SAME_MATRIX:
             return tuple(names[k : k + 9])
     return ()
@@ -99,8 +104,7 @@ def quaternion_columns(names: Sequence[str], numbers: Array) -> tuple[str, ...]:
     """Return the first four neighbouring columns that are a moving quaternion; empty for none."""
     some = numbers[spread(len(numbers), _LOOKED_AT)]
     for k in range(len(names) - 3):
-        four = some[:, k : k + 4]
-        four = four[np.isfinite(four).all(axis=1)]
+        four = _whole_rows(some[:, k : k + 4])
         off = np.abs(np.sum(four**2, axis=1) - 1.0)
         moving = (np.ptp(four, axis=0) > _TURNS).sum() >= 3 if len(four) else False
         if moving and np.mean(off < _UNIT_LENGTH) > _MOST:
