@@ -241,6 +241,7 @@ TRANSPOSED[1, 3, 0] = 0.5
         (np.full((1, 4, 4), np.nan), {}, r"T\[0\]: not a pose"),
         (TRANSPOSED, {}, r"T\[1\]: not a pose.*last row 0, 0, 0, 1;.*transposed"),
         (np.eye(4), {"seed": np.zeros(5)}, "seeds of another arm"),
+        (np.zeros((0, 4, 4)), {"seed": np.zeros(2)}, "seeds of another arm"),
         (np.eye(4), {"seed": [0.0, np.nan, 0.0, 0.0, 0.0, 0.0]}, "a seed of some joints"),
         (np.eye(4), {"seed": np.full(6, np.inf)}, "a seed of some joints"),
         (np.eye(4), {"frame": "tol"}, "unknown frame.*flange, tool"),
@@ -309,6 +310,28 @@ def test_an_orientation_out_of_reach_is_so_where_the_model_falls_back_too():
         found = tilted.compensate(T, seed=q)
         assert set(found.status) == {"unreachable"}
         np.testing.assert_allclose(found.error_deg, 30.0, atol=1.2)
+
+
+def test_a_miss_is_forgiven_only_at_the_step_to_what_the_model_falls_back_to():
+    model = fitted("pa10_6ce", 16, links)
+    model = replace(model, covariance=1e6 * model.covariance)  # so uncertain as the step is large
+    without = replace(model.nominal(), T_instr_base=np.eye(4))
+    wide = np.array([[-9.0, 9.0]])
+    held = AngleCoverage((np.array([[0.5, 9.0]]), *[wide] * 5), (False,) * 6)
+    q = np.array([0.5 - 1e-6, 0.3, 0.9, 0.4, 0.8, -0.6])
+    at_step = replace(model, falls_back=FallBack(held, without))
+    found = at_step.compensate(model.predict(q).T, seed=q)
+    assert found.status[0] == "ok"
+    assert 0.1 < found.error_mm[0] < found.u_parameters_mm[0]
+    stretched = np.array([0.3, 0.5, 0.0, 0.4, 0.8, -0.6])
+    beyond = model.predict(stretched).T
+    beyond[:, :3, 3] *= 1.0 + 1e-4
+    deep_inside = replace(
+        model, falls_back=FallBack(AngleCoverage((wide,) * 6, held.turns), without)
+    )
+    found = deep_inside.compensate(beyond, seed=stretched)
+    assert found.status[0] == "unreachable"
+    assert 0.1 < found.error_mm[0] < found.u_parameters_mm[0]
 
 
 TCP = np.array([[0.0, 0.0, 1.0, 0.1], [0.0, 1.0, 0.0, 0.02], [-1.0, 0.0, 0.0, 0.2], [0, 0, 0, 1]])
