@@ -9,6 +9,7 @@ import pytest
 
 import pa10cal
 from mended import write_simulated
+from pa10cal.arrays import rms
 from pa10cal.discovery import compliance
 from pa10cal.discovery.verdict_records import extended_parameters, verdict_keys
 from pa10cal.results.number_text import HALF_WIDTH_95
@@ -123,6 +124,37 @@ def test_a_joint_that_would_sag_farther_than_joints_do_is_no_name(soft, monkeypa
     assert {place.of for place in found.unexplained} == {each.of for each in verdict.gives_way}
     assert all("mrad: no joint does; if" in place.why for place in found.unexplained)
     assert all("state joints: commanded" in place.why for place in found.unexplained)
+
+
+@pytest.mark.slow
+def test_a_spring_that_is_shown_and_not_named_is_said(soft, monkeypatch):
+    *_, verdict = soft
+    monkeypatch.setattr(compliance, "NAMES", replace(compliance.NAMES, most_alternatives=-1))
+    found = compliance.with_compliance(replace(verdict, gives_way=()))
+    assert found.gives_way == ()
+    assert {place.of for place in found.unexplained} == {each.of for each in verdict.gives_way}
+    assert all("other effects explain the data as well" in each.why for each in found.unexplained)
+
+
+@pytest.mark.slow
+def test_with_all_joints_rigid_those_without_a_name_give_way(soft, monkeypatch):
+    *_, verdict = soft
+    nameless = verdict.gives_way[0]
+    springs = list(filter(is_spring, verdict.extended.at.model.terms))
+    monkeypatch.setattr(compliance, "_springs", lambda found: springs)
+    rivals = {("joint_compliance", spring.of): () for spring in springs}
+    monkeypatch.setattr(compliance, "_rivals", lambda found, problem: rivals)
+    monkeypatch.setattr(compliance, "needed_nats", lambda count, rate: -1e9)
+    monkeypatch.setattr(
+        compliance, "_why_not_named", lambda found, each: "so" if each.of == nameless.of else None
+    )
+    found = compliance.with_compliance(replace(verdict, gives_way=(), unexplained=()))
+    assert {each.of for each in found.gives_way} == {s.of for s in springs} - {nameless.of}
+    (left,) = found.unexplained
+    assert left.why == f"joint_compliance of {nameless.of} fits best, but is not named: so"
+    for each in found.gives_way:  # they hardly yield
+        assert each.proof.all_rigid_mm < 0.5 * nameless.proof.all_rigid_mm
+        assert each.proof.all_rigid_mm == pytest.approx(rms(each.proof.all_rigid_each_mm))
 
 
 @pytest.mark.slow

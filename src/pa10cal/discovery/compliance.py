@@ -8,7 +8,7 @@ the assumed weights. The problem is linearised about that model, weights among t
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal, NamedTuple, TypeVar
@@ -24,6 +24,7 @@ from pa10cal.discovery.model_with_effects import all_unknowns
 from pa10cal.discovery.pose_scatter import pose_weights
 from pa10cal.discovery.position_errors import position_error_mm
 from pa10cal.discovery.proof import ComplianceProof, needed_nats
+from pa10cal.discovery.refitted_verdict import no_name, probably_nameless, too_many_others
 from pa10cal.discovery.rules import NAMES, SPRINGS
 from pa10cal.discovery.together import Together
 from pa10cal.discovery.verdict import Basis, Verdict, with_unknown_cause
@@ -32,7 +33,6 @@ from pa10cal.fit.problem import possible_sizes
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.numerics.least_squares import cluster_covariance
 from pa10cal.observe.observations import Observations
-from pa10cal.results.discovery import Unexplained
 from pa10cal.results.number_text import HALF_WIDTH_95
 from pa10cal.terms.effects.joint import JointCompliance, most_wound_up
 from pa10cal.terms.joint_spring import JointSpring, is_spring
@@ -44,55 +44,84 @@ def with_compliance(found: Verdict[S]) -> Verdict[S]:
     """Return a verdict with the joints that give way under weights that are not stated.
 
     Springs are those of the extended model. Where the weights are stated, springs are part of the
-    calibrated model and not reported.
+    calibrated model and not reported. A spring that the poses show and that is not named is an
+    unexplained part.
     """
     known = weights_known(found.baseline.arm)
     if known.origin == "stated" or found.prepared.setup.payload is None:
         return found
-    at = found.extended.at
-    springs = [
-        term
-        for term in at.model.terms
-        if is_spring(term) and at.values_of(term)[0] > SPRINGS.least_rad
-    ]
+    springs = _springs(found)
     if not (springs or found.findings):
         return found
     problem = _LinearProblem.of(found)
     rivals = _rivals(found, problem)
-    if found.weights_assumed and found.scorer.adds_rivals_of_sets:
-        found = replace(found, findings=tuple(_with_more(each, rivals) for each in found.findings))
+    found = _with_rivals_of_sets(found, rivals)
     needed = needed_nats(max(found.candidates, len(springs)), found.error_rate)
-    nats = {spring: problem.nats_lost_if_rigid(spring) for spring in springs}
-    shown = [s for s in springs if nats[s] >= needed and (JointCompliance.id, s.of) in rivals]
-    shown.sort(key=lambda spring: -nats[spring])
-    all_rigid = problem.rigid(*shown)
-    findings, unexplained = [], list(found.unexplained)
-    for spring in shown:
+    unexplained = list(found.unexplained)
+    named: dict[JointSpring, Finding[ComplianceProof]] = {}
+    for spring, nats in _shown_springs(problem, springs, needed, rivals).items():
         stiffness = problem.stiffness(spring)
-        if (too_far := _sags_too_far(found, spring, stiffness)) is not None:
-            unexplained.append(too_far)
-            continue
-        rigid = problem.rigid(spring)
-        proof = ComplianceProof(
-            lost_without_it_nats=nats[spring],
-            needed_nats=needed,
-            sag_mrad=1e3 * stiffness.sag_rad,
-            sag_u_mrad=1e3 * stiffness.sag_u_rad,
-            rigid_mm=rms(rigid.fitted_mm),
-            gives_way_mm=rms(problem.fitted_mm),
-            held_out_rigid_mm=rigid.held_out_rms_mm,
-            held_out_gives_way_mm=problem.held_out_rms_mm,
-            all_rigid_mm=rms(all_rigid.judged_mm),
-            without_each_mm=rigid.judged_mm,
-            all_rigid_each_mm=all_rigid.judged_mm,
-            weights=_relative_to(found),
-        )
-        of_spring = rivals[JointCompliance.id, spring.of]
-        finding = with_unknown_cause(found, _finding(spring, stiffness, proof, of_spring))
-        few = len(finding.with_likely_alternatives().alternatives) <= NAMES.most_alternatives
-        if few and not finding.is_probably_nameless:
-            findings.append(finding)
-    return replace(found, gives_way=tuple(findings), unexplained=tuple(unexplained))
+        proof = _proof_of(found, problem, spring, stiffness, nats, needed)
+        finding = _finding(spring, stiffness, proof, rivals[JointCompliance.id, spring.of])
+        finding = with_unknown_cause(found, finding)
+        if (why := _why_not_named(found, finding)) is None:
+            named[spring] = finding
+        else:
+            unexplained.append(no_name(finding, found.train.after.mean_mm, why))
+    gives_way = _with_all_rigid(named, problem)
+    return replace(found, gives_way=gives_way, unexplained=tuple(unexplained))
+
+
+def _springs(found: Verdict) -> list[JointSpring]:
+    """Return the springs of the extended model that yield enough to count."""
+    at = found.extended.at
+    springs = (term for term in at.model.terms if is_spring(term))
+    return [spring for spring in springs if at.values_of(spring)[0] > SPRINGS.least_rad]
+
+
+def _shown_springs(
+    problem: _LinearProblem,
+    springs: Sequence[JointSpring],
+    needed: float,
+    rivals: Mapping[tuple[str, str], tuple[Rival, ...]],
+) -> dict[JointSpring, float]:
+    """Return the springs that the poses show, with the evidence of each [nats], most first.
+
+    The set of effects is less likely without each, which then is in `rivals`.
+    """
+    nats = {spring: problem.nats_lost_if_rigid(spring) for spring in springs}
+    by_evidence = sorted(nats, key=lambda spring: -nats[spring])
+    return {
+        spring: nats[spring]
+        for spring in by_evidence
+        if nats[spring] >= needed and (JointCompliance.id, spring.of) in rivals
+    }
+
+
+def _proof_of(
+    found: Verdict,
+    problem: _LinearProblem,
+    spring: JointSpring,
+    stiffness: _Stiffness,
+    nats: float,
+    needed: float,
+) -> ComplianceProof:
+    """Return the proof of a spring, as if its joint alone gave way; see `_with_all_rigid`."""
+    rigid = problem.rigid(spring)
+    return ComplianceProof(
+        lost_without_it_nats=nats,
+        needed_nats=needed,
+        sag_mrad=1e3 * stiffness.sag_rad,
+        sag_u_mrad=1e3 * stiffness.sag_u_rad,
+        rigid_mm=rms(rigid.fitted_mm),
+        gives_way_mm=rms(problem.fitted_mm),
+        held_out_rigid_mm=rigid.held_out_rms_mm,
+        held_out_gives_way_mm=problem.held_out_rms_mm,
+        all_rigid_mm=rms(rigid.judged_mm),
+        without_each_mm=rigid.judged_mm,
+        all_rigid_each_mm=rigid.judged_mm,
+        weights=_relative_to(found),
+    )
 
 
 def _finding(
@@ -109,6 +138,20 @@ def _finding(
     )
 
 
+def _with_all_rigid(
+    named: Mapping[JointSpring, Finding[ComplianceProof]], problem: _LinearProblem
+) -> tuple[Finding[ComplianceProof], ...]:
+    """Return the findings of springs with the errors that remain if all these joints are rigid."""
+    if not named:
+        return ()
+    all_rigid_mm = problem.rigid(*named).judged_mm
+    errors = {"all_rigid_mm": rms(all_rigid_mm), "all_rigid_each_mm": all_rigid_mm}
+    return tuple(
+        replace(finding, proof=finding.proof.model_copy(update=errors))
+        for finding in named.values()
+    )
+
+
 def _relative_to(found: Verdict) -> Literal["assumed", "total", "logged"] | None:
     """Return the weights that stiffness is known relative to; None where loads set its scale."""
     if found.prepared.torques == "logged":
@@ -118,26 +161,26 @@ def _relative_to(found: Verdict) -> Literal["assumed", "total", "logged"] | None
     return "total" if weights_known(found.baseline.arm).origin == "total" else "assumed"
 
 
-def _sags_too_far(found: Verdict, spring: JointSpring, stiffness: _Stiffness) -> Unexplained | None:
-    """Return the unexplained part of a spring by which a joint surely sags too far, else None."""
-    commanded = found.context.commanded
+def _why_not_named(found: Verdict, finding: Finding[ComplianceProof]) -> str | None:
+    """Return why a spring that the poses show is not named, in words; None if it is."""
+    commanded, proof = found.context.commanded, finding.proof
     most_rad, why = most_wound_up(found.baseline.arm.reach_m, commanded=commanded)
-    if not stiffness.sag_rad - HALF_WIDTH_95 * stiffness.sag_u_rad > most_rad:
-        return None
-    text = (
-        f"joint_compliance of {spring.of} fits best, but is not named: it would sag by "
-        f"{1e3 * stiffness.sag_rad:.0f} mrad: {why}"
-    )
-    if not commanded:
-        text += "; if positions were commanded and not read back, state joints: commanded"
-    remaining_mm = found.train.after.mean_mm
-    return Unexplained(
-        of=spring.of, form=JointCompliance.id, shared_error_mm=remaining_mm, why=text
-    )
+    if proof.sag_mrad - HALF_WIDTH_95 * proof.sag_u_mrad > 1e3 * most_rad:
+        text = f"it would sag by {proof.sag_mrad:.0f} mrad: {why}"
+        if not commanded:
+            text += "; if positions were commanded and not read back, state joints: commanded"
+        return text
+    others = len(finding.with_likely_alternatives().alternatives)
+    if others > NAMES.most_alternatives:
+        return too_many_others(others)
+    return probably_nameless(finding) if finding.is_probably_nameless else None
 
 
 def _rivals(found: Verdict, problem: _LinearProblem) -> dict[tuple[str, str], tuple[Rival, ...]]:
-    """Return the rivals of each spring or effect without which the set is less likely, by name."""
+    """Return the rivals of springs and effects by id and place.
+
+    Only springs and effects that the set misses, which is less likely without them, have an entry.
+    """
     at, setup = found.extended.at, found.prepared.setup
     sets = Together.of(
         at, problem.poses, problem.whitener, found.context, setup, found.scorer.nuisances
@@ -146,6 +189,15 @@ def _rivals(found: Verdict, problem: _LinearProblem) -> dict[tuple[str, str], tu
     there = sets.scored(sets.holding(term for term in at.model.terms if term not in rigid))
     missed = sets.missed(there)
     return {name: rivals for name, rivals in sets.rivals(there).items() if name in missed}
+
+
+def _with_rivals_of_sets(
+    found: Verdict[S], rivals: Mapping[tuple[str, str], tuple[Rival, ...]]
+) -> Verdict[S]:
+    """Return a verdict whose findings have rivals by sets, too, where weights are assumed."""
+    if not (found.weights_assumed and found.scorer.adds_rivals_of_sets):
+        return found
+    return replace(found, findings=tuple(_with_more(each, rivals) for each in found.findings))
 
 
 def _with_more(finding: Finding, rivals: Mapping[tuple[str, str], tuple[Rival, ...]]) -> Finding:
@@ -165,12 +217,21 @@ class _Stiffness(NamedTuple):
     sag_u_rad: float
 
 
+class _Covariances(NamedTuple):
+    """Covariances (k, k) of the same estimates."""
+
+    independent: Array  # with the errors of all poses independent
+    by_stretches: Array  # with those of a stretch of time correlated
+
+
 @dataclass(frozen=True, eq=False)
 class _LinearProblem:
     """Least squares of all unknowns of a model, linearised about it.
 
     Each unknown is scaled by its prior standard deviation. The prior mean of weights is what is
-    assumed of them; that of all others is the value in the model.
+    assumed of them; that of all others is the value in the model. With d (k,) how far the model is
+    from the prior means (`off_prior`) and s the step from the model (`step`), d + s has a standard
+    normal prior and is the unknown of `posterior`: s = posterior mean - d.
     """
 
     at: FittedModel  # the extended model, its base's own term last
@@ -235,7 +296,7 @@ class _LinearProblem:
 
     @cached_property
     def posterior(self) -> Gaussian:
-        """Return the posterior of steps (k,) from the prior means, scaled."""
+        """Return the posterior of d + s, (k,): how far unknowns are from their prior means."""
         columns, residual = self.rows
         return Gaussian.of(columns, -residual).about(-self.off_prior)
 
@@ -279,12 +340,12 @@ class _LinearProblem:
         model, so stretches of time are clusters. The result is at least 1.
         """
         column = self.at.model.columns_of(spring).start
-        independent, clustered = (float(cov[column, column]) for cov in self._covariances)
-        return max(1.0, clustered / independent) if independent > 0.0 else 1.0
+        independent, by_stretches = (float(cov[column, column]) for cov in self._covariances)
+        return max(1.0, by_stretches / independent) if independent > 0.0 else 1.0
 
     @cached_property
-    def _covariances(self) -> tuple[Array, Array]:
-        """Return the covariance of all unknowns for independent poses, and by stretches of time."""
+    def _covariances(self) -> _Covariances:
+        """Return the covariances of all unknowns, unscaled."""
         count, (columns, residual) = len(self.poses), self.rows
         order = np.argsort(np.argsort(self.poses.states.time_s, kind="stable"))
         stretches = min(SPRINGS.stretches, max(count // SPRINGS.stretch_poses, 2))
@@ -292,7 +353,8 @@ class _LinearProblem:
         scores = columns * (residual + columns @ self.step)[:, None]
         scale = np.outer(self.prior_std, self.prior_std)
         independent = self.posterior.covariance
-        return independent * scale, cluster_covariance(independent, scores, stretch) * scale
+        by_stretches = cluster_covariance(independent, scores, stretch)
+        return _Covariances(independent * scale, by_stretches * scale)
 
     def stiffness(self, spring: JointSpring) -> _Stiffness:
         """Return the stiffness of a joint and its largest sag.
@@ -305,6 +367,7 @@ class _LinearProblem:
         joint, states = spring.joint - 1, self.poses.states
         column = model.columns_of(spring).start
         yielding = float(x[column])  # sag [rad] at the torque tau_ref_Nm
+        # The torques logged hold the excess of the described weights; joints do not carry it.
         torque_by_x = -model.torque_jacobian(states, x)[:, joint]
         torque_by_x[:, ~self.is_weight[: len(x)]] = 0.0
         torque_Nm = model.with_joint_torques(states, x).tau_Nm[:, joint]

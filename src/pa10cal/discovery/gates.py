@@ -26,6 +26,7 @@ from pa10cal.discovery.refitted_verdict import (
     holds_zero,
     instead,
     no_name,
+    probably_nameless,
     unfit,
     with_findings,
     without_names,
@@ -197,10 +198,7 @@ def _without_unlikely_names(found: Verdict[S]) -> Verdict[S]:
     for finding in sorted(names, key=lambda name: name.probability):
         if not finding.is_probably_nameless:
             continue
-        why = (
-            "what has no name, or something of several effects, explains as much in its place "
-            f"(probability {finding.explanations.none_of_these:.2f})"
-        )
+        why = probably_nameless(finding)
         without = without_names(found, {finding_of(found, finding.effect): why})
         held_out = found.trusted_holdout
         worse_without = not harmed(held_out) and worse_than(without.trusted_holdout, held_out)

@@ -64,6 +64,19 @@ def no_name(finding: Finding, left_mm: float, why: str) -> Unexplained:
     return Unexplained(of=finding.of, form=finding.id, shared_error_mm=left_mm, why=said)
 
 
+def too_many_others(count: int) -> str:
+    """Return that an effect has too many alternatives, as a reason."""
+    return f"{count} other effects explain the data as well"
+
+
+def probably_nameless(finding: Finding) -> str:
+    """Return that something without a name is likelier than a finding, as a reason."""
+    return (
+        "what has no name, or something of several effects, explains as much in its place "
+        f"(probability {finding.explanations.none_of_these:.2f})"
+    )
+
+
 def instead(found: Verdict, finding: Finding, effect: Effect | None = None) -> tuple[Finding, ...]:
     """Return the findings, one of them replaced: that of `effect`, by default of the new one's."""
     effect = effect or finding.effect
@@ -108,7 +121,7 @@ def unfit(finding: Finding, model: FittedModel, states: PoseStates | None = None
         yield from _turns_too_far(finding, x_whole, states, most_rad, limits.why)
     yield from holds_zero(effect, model)
     if len(finding.alternatives) > NAMES.most_alternatives:
-        yield f"{len(finding.alternatives)} other effects explain the data as well"
+        yield too_many_others(len(finding.alternatives))
 
 
 def _beyond(finding: Finding, values: tuple[float, float], why: str) -> Iterator[str]:
