@@ -244,6 +244,12 @@ class CampaignsAgree(record.Part):
     difference_rms_mrad: float | None  # rms of what they differ by [mrad]
     share_of_turn: float  # part of the turn that both visited
 
+    @classmethod
+    def unknown(cls, first: str, second: str, share_of_turn: float) -> Self:
+        """Return that it is not known."""
+        known = {"first": first, "second": second, "share_of_turn": share_of_turn}
+        return cls(**{name: known.get(name) for name in cls.model_fields})
+
 
 class EffectByCampaign(record.Part):
     """An effect that all campaigns of a group share, fitted to each of them alone."""

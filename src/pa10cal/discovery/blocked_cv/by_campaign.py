@@ -3,31 +3,39 @@
 The fit to one campaign is one step from the fit to all, over all parameters, with the same priors.
 Errors by a joint's angle are compared over the angles that two campaigns both visited, less their
 means there: a constant is the joint's zero. Errors at neighbouring angles are correlated, so the
-uncertainty of the agreement is found by leaving out arcs (jackknife).
+uncertainty of the agreement is found by leaving out arcs (jackknife) that are longer than that.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from itertools import combinations
-from typing import Any, NamedTuple
+from typing import NamedTuple, TypedDict
 
 import numpy as np
+from scipy.special import stdtrit
 
-from pa10cal.arrays import Array, Mask, rms
+from pa10cal.arrays import Array, Index, Mask, rms
 from pa10cal.discovery.blocked_cv.refit import Refit, one_step
 from pa10cal.discovery.blocked_cv.survey import Survey
 from pa10cal.discovery.rules import MAPS
 from pa10cal.discovery.tuning import COMPUTING
 from pa10cal.numerics.periodic_spline import b_splines, b_splines_by_knots
 from pa10cal.results import calibration as records
-from pa10cal.results.number_text import HALF_WIDTH_95
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import is_error_map
 from pa10cal.terms.term import Report
 
 #: Angles of a turn at which errors are compared [rad].
-ANGLES_RAD = np.radians(np.arange(float(MAPS.angles_a_turn)))
+ANGLES_RAD = np.linspace(0.0, 2.0 * np.pi, MAPS.angles_a_turn, endpoint=False)
+
+
+class _Pair(TypedDict):
+    """Two campaigns, and the part of a turn that both visited."""
+
+    first: str
+    second: str
+    share_of_turn: float
 
 
 class _FitAlone(NamedTuple):
@@ -68,10 +76,10 @@ def _effect_by_campaign(
         return records.EffectByCampaign(
             id=effect.id, of=effect.of, parameters=parameters, errors=None, agreement=()
         )
-    splines = b_splines(effect.knots, ANGLES_RAD) @ b_splines_by_knots(effect.knots)
+    by_knots = b_splines(effect.knots, ANGLES_RAD) @ b_splines_by_knots(effect.knots)
     curves = {
         name: records.JointErrorAlone(
-            error_mrad=1e3 * splines @ fit.x[columns],
+            error_mrad=1e3 * by_knots @ fit.x[columns],
             visited=visited(fit.q_rad[:, effect.joint - 1]),
         )
         for name, fit in fits.items()
@@ -120,46 +128,84 @@ def pair_of(
     """
     (first_name, first_curve), (second_name, second_curve) = first, second
     both = first_curve.visited & second_curve.visited
-    x, y = first_curve.error_mrad[both], second_curve.error_mrad[both]
-    arc = (ANGLES_RAD[both] // np.radians(MAPS.compared_arc_deg)).astype(int)
-    # all angles, then those without each arc
-    samples = [np.ones(len(arc), dtype=bool), *(arc != number for number in np.unique(arc))]
-    pair: dict[str, Any] = {
+    pair: _Pair = {
         "first": first_name,
         "second": second_name,
         "share_of_turn": float(both.mean()),
     }
-    enough = len(samples) > MAPS.compared_arcs
+    x, y = first_curve.error_mrad[both], second_curve.error_mrad[both]
+    arc = _arc_of_angles(x, y, both)
+    arcs = np.unique(arc)
+    # all angles, then those without each arc
+    samples = [np.ones(len(arc), dtype=bool), *(arc != left_out for left_out in arcs)]
+    enough = len(arcs) >= MAPS.compared_arcs
     if not (enough and all(_vary_together(x[rows], y[rows]) for rows in samples)):
-        unknown = dict.fromkeys(records.CampaignsAgree.model_fields)
-        return records.CampaignsAgree(**(unknown | pair))
+        return records.CampaignsAgree.unknown(**pair)
+    half_widths = float(stdtrit(len(arcs) - 1, 0.975))
 
     def interval(statistic: Callable[[Array, Array], float]) -> tuple[float, float, float]:
         """Return a statistic and its 95 % interval."""
         whole, *others = (statistic(x[rows], y[rows]) for rows in samples)
         without = np.array(others)
-        arcs = len(without)
-        spread = (arcs - 1) / arcs * np.sum((without - without.mean()) ** 2)
-        half = HALF_WIDTH_95 * float(np.sqrt(spread))
+        spread = (len(arcs) - 1) / len(arcs) * np.sum((without - without.mean()) ** 2)
+        half = half_widths * float(np.sqrt(spread))
         return whole, whole - half, whole + half
 
     z, z_low, z_high = interval(lambda x, y: float(np.arctanh(_correlation(x, y))))
     slope, low, high = interval(_slope)
-    x, y = x - x.mean(), y - y.mean()
+    x_off, y_off = x - x.mean(), y - y.mean()
     return records.CampaignsAgree(
         **pair,
         correlation=float(np.tanh(z)),
         correlation95=(float(np.tanh(z_low)), float(np.tanh(z_high))),
         slope=slope,
         slope95=(low, high),
-        first_rms_mrad=rms(x),
-        second_rms_mrad=rms(y),
-        difference_rms_mrad=rms(x - y),
+        first_rms_mrad=rms(x_off),
+        second_rms_mrad=rms(y_off),
+        difference_rms_mrad=rms(x_off - y_off),
     )
+
+
+def _arc_of_angles(x: Array, y: Array, both: Mask) -> Index:
+    """Return the number of the arc of each common angle, (C,), from 0.
+
+    Arcs have equally many common angles: those of `MAPS.compared_arc_lengths` correlation lengths,
+    and no fewer than `MAPS.compared_arc_deg` would have.
+    """
+    if not _vary_together(x, y):
+        return np.zeros(len(x), dtype=int)
+    least = MAPS.compared_arc_deg * MAPS.angles_a_turn / 360.0
+    angles = max(least, MAPS.compared_arc_lengths * _correlation_length(x, y, both))
+    return np.arange(len(x)) * max(int(len(x) / angles), 1) // len(x)
+
+
+def _correlation_length(x: Array, y: Array, both: Mask) -> float:
+    """Return how many neighbouring angles of two independent curves count as one.
+
+    It is sum r_x(k) r_y(k) over all lags k, with the autocorrelations r of the curves x and y at
+    their common angles: the variance of their correlation over that of as many independent pairs
+    (Bartlett, Journal of the Royal Statistical Society 98, 1935). Long lags, whose estimates are
+    mostly noise, have less weight or none.
+    """
+    forward = np.arange(len(both))
+    lag = np.minimum(forward, len(both) - forward)
+    weight = np.maximum(1.0 - lag / (MAPS.compared_lags * len(x)), 0.0)
+    pairs = np.maximum(_sums_of_products(both.astype(float)), 1.0)  # of common angles, by lag
+    on_turn = np.zeros((2, len(both)))
+    on_turn[:, both] = x - x.mean(), y - y.mean()
+    of_x, of_y = map(_sums_of_products, on_turn)
+    return float(len(x) * np.sum(weight * of_x * of_y / pairs) / (of_x[0] * of_y[0]))
+
+
+def _sums_of_products(on_turn: Array) -> Array:
+    """Return the sum of products of values (A,) on a turn by the lag between them, (A,)."""
+    return np.asarray(np.fft.ifft(np.abs(np.fft.fft(on_turn)) ** 2).real)
 
 
 def _vary_together(x: Array, y: Array) -> bool:
     """Return whether correlation and slope of two curves are defined."""
+    if not len(x):
+        return False
     return bool(np.ptp(x) > 0.0 and np.ptp(y) > 0.0 and np.cov(x, y)[0, 1] != 0.0)
 
 
