@@ -217,7 +217,7 @@ class ParameterAlone(record.Part):
     """A parameter of an effect, as one campaign alone has it."""
 
     value: float  # its value
-    std: float  # its standard uncertainty
+    std: float | None  # its standard uncertainty; null where it is at an end of its range
 
 
 _ParametersAlone = Mapping[record.ParameterKey, ParameterAlone]

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from made_up_survey import Hidden, at_joint, observe
+from pa10cal.discovery.blocked_cv.by_campaign import _parameters
 from pa10cal.discovery.blocked_cv.other_baselines import with_tilts_shown
-from pa10cal.discovery.blocked_cv.refit import PartialFits, determined_count, refit
+from pa10cal.discovery.blocked_cv.refit import PartialFits, determined_count, one_step, refit
 from pa10cal.discovery.given import calibrate_with_effects
 from pa10cal.discovery.model_with_effects import moved_base, with_unknowns
 from pa10cal.discovery.pose_scatter import unweighted
@@ -107,6 +108,21 @@ def test_the_shape_of_an_effect_of_no_amount_is_no_unknown(hidden):
     weights = unweighted(hidden.readings.measured)
     found = refit(hidden.survey, (DISK, windup), (np.zeros(2), np.array([0.0, 2.0])), weights)
     assert np.all(np.isfinite(found.covariance))
+
+
+def test_by_some_poses_a_parameter_stays_within_its_physical_range(hidden):
+    spring, windup = JointCompliance("joint 4", 56.0), SoftWindup("joint 5", 56.0, 5.0)
+    effects, starts = (spring, windup), (np.array([1e-6]), np.array([1e-5, 2.0]))
+    found = refit(hidden.survey, effects, starts, unweighted(hidden.readings.measured))
+    alone = one_step(hidden.survey, found, np.arange(40, 80))
+    lower_Nm, upper_Nm = windup.parameters[1].lower, windup.parameters[1].upper
+    at = [found.columns_of(each) for each in effects]
+    assert alone.x[at[0]][0] >= 0.0
+    assert lower_Nm <= alone.x[at[1]][1] <= upper_Nm
+    for effect, columns in zip(effects, at, strict=True):
+        of_it = _parameters(effect, alone, columns, 0.0).values()
+        assert [each.std is None for each in of_it] == alone.at_end[columns].tolist()
+    assert alone.at_end[at[1]][1]
 
 
 def test_an_unknown_that_is_held_is_not_counted_as_determined():

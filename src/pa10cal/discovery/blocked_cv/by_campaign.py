@@ -16,7 +16,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from pa10cal.arrays import Array, Index, Mask, rms
-from pa10cal.discovery.blocked_cv.refit import Refit, one_step
+from pa10cal.discovery.blocked_cv.refit import OneStep, Refit, one_step
 from pa10cal.discovery.blocked_cv.survey import Survey
 from pa10cal.discovery.rules import MAPS
 from pa10cal.discovery.tuning import COMPUTING
@@ -24,7 +24,6 @@ from pa10cal.numerics.periodic_spline import b_splines, b_splines_by_knots
 from pa10cal.results import calibration as records
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import is_error_map
-from pa10cal.terms.term import Report
 
 #: Angles of a turn at which errors are compared [rad].
 ANGLES_RAD = np.linspace(0.0, 2.0 * np.pi, MAPS.angles_a_turn, endpoint=False)
@@ -39,10 +38,9 @@ class _Pair(TypedDict):
 
 
 class _FitAlone(NamedTuple):
-    """Unknowns and their covariance by one campaign alone, and its joint positions."""
+    """Unknowns by one campaign alone, and its joint positions."""
 
-    x: Array  # (k,)
-    covariance: Array  # (k, k)
+    by: OneStep
     q_rad: Array  # (p, n)
 
 
@@ -55,8 +53,7 @@ def by_campaign(survey: Survey, found: Refit) -> tuple[records.EffectByCampaign,
     for number, (name, _) in enumerate(survey.poses.measured.campaigns):
         rows = np.flatnonzero(campaign == number)
         if len(rows):
-            x, covariance = one_step(survey, found, rows)
-            fits[name] = _FitAlone(x, covariance, survey.poses.states.q_rad[rows])
+            fits[name] = _FitAlone(one_step(survey, found, rows), survey.poses.states.q_rad[rows])
     return tuple(_effect_by_campaign(effect, found, fits) for effect in found.effects)
 
 
@@ -66,11 +63,8 @@ def _effect_by_campaign(
     """Return the parameters of an effect in every campaign, or the curves of a map."""
     columns = found.columns_of(effect)
     if not is_error_map(effect):
-        u_scale = found.at.model.u_scale
         parameters = {
-            name: _parameters(
-                effect.report(fit.x[columns]), fit.covariance[columns, columns], u_scale
-            )
+            name: _parameters(effect, fit.by, columns, found.at.model.u_scale)
             for name, fit in fits.items()
         }
         return records.EffectByCampaign(
@@ -79,7 +73,7 @@ def _effect_by_campaign(
     by_knots = b_splines(effect.knots, ANGLES_RAD) @ b_splines_by_knots(effect.knots)
     curves = {
         name: records.JointErrorAlone(
-            error_mrad=1e3 * by_knots @ fit.x[columns],
+            error_mrad=1e3 * by_knots @ fit.by.x[columns],
             visited=visited(fit.q_rad[:, effect.joint - 1]),
         )
         for name, fit in fits.items()
@@ -97,13 +91,19 @@ def _effect_by_campaign(
 
 
 def _parameters(
-    report: Report, covariance: Array, u_scale: float
+    effect: Effect, by: OneStep, columns: slice, u_scale: float
 ) -> dict[str, records.ParameterAlone]:
-    """Return the reported parameters with their standard uncertainties."""
-    std = np.sqrt(np.diag(report.covariance(covariance, u_scale)))
+    """Return the reported parameters of an effect, of the unknowns in these columns."""
+    report = effect.report(by.x[columns])
+    std = np.sqrt(np.diag(report.covariance(by.covariance[columns, columns], u_scale)))
+    at_end = (report.jacobian[:, by.at_end[columns]] != 0.0).any(axis=1)
     return {
-        parameter.name: records.ParameterAlone(value=float(value), std=float(sigma))
-        for parameter, value, sigma in zip(report.parameters, report.values, std, strict=True)
+        parameter.name: records.ParameterAlone(
+            value=float(value), std=None if unknown else float(sigma)
+        )
+        for parameter, value, sigma, unknown in zip(
+            report.parameters, report.values, std, at_end, strict=True
+        )
     }
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from copy import copy
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -106,17 +107,28 @@ def squares_left(survey: Survey, found: Refit, weights: PoseWeights) -> float:
     return _Problem(survey, found.effects).cost(found.x, weights)
 
 
-def one_step(survey: Survey, found: Refit, rows: Index) -> tuple[Array, Array]:
-    """Return the unknowns (k,) and their covariance (k, k) by some poses alone.
+class OneStep(NamedTuple):
+    """Unknowns by some of the poses."""
 
-    By one Gauss-Newton step from the fit to all poses, with the weights of that fit.
+    x: Array  # (k,)
+    covariance: Array  # (k, k), zero of those held
+    at_end: Mask  # (k,) which are held, or at an end of their range: not known
+
+
+def one_step(survey: Survey, found: Refit, rows: Index) -> OneStep:
+    """Return the unknowns and their covariance by some poses alone.
+
+    By one Gauss-Newton step from the fit to all poses, with the weights of that fit. A step that
+    leaves the range of an unknown ends there.
     """
     of_rows = replace(survey, poses=survey.poses.take(rows), block=survey.block[rows])
     weights = PoseWeights(found.weights.whitener[rows], found.weights.weight[rows])
     problem = _Problem(of_rows, found.effects).expecting(found.x)
     equations = problem.equations(found.x, weights)
     covariance = problem.covariance(found.x, equations)
-    return found.x - covariance @ equations.gradient, covariance
+    step = -covariance @ equations.gradient
+    at_end = (np.diag(covariance) == 0.0) | (problem.bounds.beyond(found.x, step) != 0.0)
+    return OneStep(problem.bounds.clip(found.x + step), covariance, at_end)
 
 
 class _Problem:
