@@ -104,7 +104,14 @@ def test_only_angles_that_both_have_seen_are_compared():
     assert apart.agree is None
     assert apart.postures == 0
     assert not apart.frames
-    assert "no common angles of joints 1, 2, 3, 4, 5, 6" in apart.line
+    assert apart.line.endswith("no common angles of joints 1, 2, 3, 4, 5, 6")
+    turned = seen_in(-1.0, 1.0)
+    turned = replace(turned, intervals=(*turned.intervals[:5], turned.intervals[5] + 2.0 * np.pi))
+    within = [replace(model, seen=seen_in(-1.0, 1.0)) for model in (one, other)]
+    apart = pa10cal.compare(within[0], replace(within[1], seen=turned))
+    assert apart.line.endswith(
+        "no common angles of joint 6; those of joint 6 are whole turns apart"
+    )
     # An effect far off outside what it holds for is of no account there.
     away = shifted(other, delta_theta_2=0.1)
     fallen = replace(other, falls_back=FallBack(seen(-0.5, 0.5), away))
@@ -154,6 +161,8 @@ def test_postures_are_within_the_limits_of_both_arms():
     visited = (np.array([[0.0, 9.0]]), np.array([[-1.0, 1.0]]))
     on_rail = replace(free, seen=AngleCoverage(visited, (False,) * 2))
     assert slides(free, on_rail) == [[0.0, 9.0]]
+    ends = two_models._with_ends(np.array([[5.0, np.inf], [-np.inf, -5.0], [-np.inf, np.inf]]))
+    assert ends.tolist() == [[5.0, 6.0], [-6.0, -5.0], [-1.0, 1.0]]
 
 
 def seen_in(low, high):
@@ -229,6 +238,31 @@ def test_turns_of_the_tool_count_from_the_attitude_that_a_fit_began_with():
     turned = replace(other, R_ee_target=Rotation.from_rotvec([0.0, 0.0, 0.1]).as_matrix())
     assert np.isnan(over_u(pa10cal.compare(one, turned), "tool_rx"))
     assert np.isfinite(over_u(pa10cal.compare(one, turned), "tool_x"))
+
+
+def test_turns_of_the_tool_of_a_campaign_of_a_group_count_from_there_too(monkeypatch):
+    one, other = campaign(1), campaign(2)
+    every = FittedModel.every_reported
+
+    def of_june(model):
+        return [
+            (replace(term, of="tool@june") if term.of == "tool" else term, *more)
+            for term, *more in every(model)
+        ]
+
+    monkeypatch.setattr(FittedModel, "every_reported", of_june)
+    turned = replace(other, R_ee_target=Rotation.from_rotvec([0.0, 0.0, 0.1]).as_matrix())
+    assert np.isfinite(over_u(pa10cal.compare(one, other), "tool_rx"))
+    assert np.isnan(over_u(pa10cal.compare(one, turned), "tool_rx"))
+
+
+def test_models_that_agree_on_the_same_readings_say_so():
+    about = campaign(1).fitted_to.model_copy(update={"readings": ("1",)})
+    one, other = (replace(campaign(k), fitted_to=about) for k in (1, 2))
+    found = pa10cal.compare(one, other)
+    assert found.agree
+    assert "both rest on the same readings, so that they may differ by less" in found.line
+    assert "same readings" not in pa10cal.compare(campaign(1), campaign(2)).line
 
 
 @pytest.mark.slow

@@ -36,6 +36,8 @@ _NOT_OF_LAYOUT = ("limits_rad", "gear_ratio", "torque_limit_Nm", "mass_kg", "com
 _AS_IN_FILE = ("coupling", "controller")
 #: Postures compared, and the seed of their draw (computing).
 POSTURES, SEED = 400, 1
+#: Whole turns by which angles that two models have seen may be apart, at most.
+_MOST_TURNS = 4
 #: Steps of the fit of base and tool (computing).
 _GAUSS_NEWTON_STEPS = 6
 
@@ -63,8 +65,10 @@ def compare_models(
     if frames:
         agree, line = _judged(frames[FLANGE], predicting, names)
     else:
-        agree, line = None, _no_common_angles(common)
+        agree, line = None, _no_common_angles(common, *predicting)
     found = what_moved(first, second)
+    if agree and found is not None and found.same_readings:
+        line += "; both rest on the same readings, so that they may differ by less than is expected"
     if agree and found is not None and found.verdict not in NOTHING_OF_ARM:
         line += "; a part of the arm moved, which changes poses by less than that"
     return results.ComparisonRecord(
@@ -83,17 +87,22 @@ def compare_models(
 
 def _described_otherwise(first: FittedModel, second: FittedModel) -> tuple[str, ...]:
     """Return the fields of arm and payload that differ between the models' descriptions."""
-    pairs = {name: (getattr(first.arm, name), getattr(second.arm, name)) for name in _NOT_OF_LAYOUT}
-    plain = [arm_to_plain(model.arm) for model in (first, second)]
-    in_file = [name for name in _AS_IN_FILE if plain[0].get(name) != plain[1].get(name)]
-    payloads = first.payload, second.payload
-    if None in payloads:
-        pairs["payload"] = payloads
+    of_arm = _differing(first.arm, second.arm, _NOT_OF_LAYOUT)
+    if first.payload is None or second.payload is None:
+        of_payload = [] if first.payload is second.payload else ["payload"]
     else:
         # For a group, the payload of its first campaign is compared.
         names = [field.name for field in fields(Payload) if field.name != "of_campaigns"]
-        pairs |= {f"payload.{name}": tuple(getattr(p, name) for p in payloads) for name in names}
-    return (*(name for name, pair in pairs.items() if not _same(*pair)), *in_file)
+        differing = _differing(first.payload, second.payload, names)
+        of_payload = [f"payload.{name}" for name in differing]
+    plain = [arm_to_plain(model.arm) for model in (first, second)]
+    in_file = [name for name in _AS_IN_FILE if plain[0].get(name) != plain[1].get(name)]
+    return (*of_arm, *of_payload, *in_file)
+
+
+def _differing(one: object, other: object, names: Sequence[str]) -> list[str]:
+    """Return which of these attributes differ between two descriptions."""
+    return [name for name in names if not _same(getattr(one, name), getattr(other, name))]
 
 
 def _same(mine: object, theirs: object) -> bool:
@@ -132,7 +141,9 @@ def _parameters(first: FittedModel, second: FittedModel) -> results.ParameterRow
     for key in dict.fromkeys((*in_first, *in_second)):
         term, of, parameter, unit = key
         one, other = in_first.get(key, absent), in_second.get(key, absent)
-        comparable = same_start or (of, unit) != ("tool", "rad")
+        # The tool of a campaign of a group is called tool@ and the campaign.
+        of_tool = of.partition("@")[0] == "tool"
+        comparable = same_start or not (of_tool and unit == "rad")
         difference = other.value - one.value if comparable else np.nan
         expected = np.hypot(one.std, other.std)
         determined = one.determined and other.determined
@@ -179,11 +190,30 @@ def _estimates(model: FittedModel) -> dict[tuple[str, str, str, str], _Estimate]
     }
 
 
-def _no_common_angles(common: Sequence[Array]) -> str:
+def _no_common_angles(common: Sequence[Array], first: Fitted, second: Fitted) -> str:
     """Return why two models cannot be judged that have no common positions of some joints."""
-    joints = [str(joint) for joint, intervals in enumerate(common, 1) if not len(intervals)]
-    of = f"joint{'s' if len(joints) > 1 else ''} {', '.join(joints)}"
-    return f"whether the models agree cannot be judged: they have seen no common angles of {of}"
+    without = [joint for joint, intervals in enumerate(common) if not len(intervals)]
+    apart = [joint for joint in without if _whole_turns_apart(first, second, joint)]
+    line = (
+        "whether the models agree cannot be judged: they have seen no common angles of "
+        f"{_joints(without)}"
+    )
+    return f"{line}; those of {_joints(apart)} are whole turns apart" if apart else line
+
+
+def _joints(joints: Sequence[int]) -> str:
+    """Return the names of joints, numbered from 0, in words."""
+    return f"joint{'s' if len(joints) > 1 else ''} {', '.join(str(joint + 1) for joint in joints)}"
+
+
+def _whole_turns_apart(first: Fitted, second: Fitted, joint: int) -> bool:
+    """Return whether what both models have seen of a joint, from 0, overlaps modulo a turn."""
+    one, other = first.seen, second.seen
+    if first.arm.prismatic[joint] or one is None or other is None:
+        return False
+    turns_rad = 2.0 * np.pi * np.arange(-_MOST_TURNS, _MOST_TURNS + 1)
+    shifted = (one.intervals[joint] + turn_rad for turn_rad in turns_rad)
+    return any(len(overlaps(each, other.intervals[joint])) for each in shifted)
 
 
 def _judged(
@@ -227,7 +257,7 @@ def _common_intervals(first: Fitted, second: Fitted) -> list[Array]:
 
     They are within the limits of both arms. Where the file of a model lacks the limits of a joint,
     they are taken to be a turn to either side; of a joint that slides, what the poses visited, or a
-    metre to either side.
+    metre to either side, of zero or of the limit that there is.
     """
     slides = first.arm.prismatic
     unlimited = np.where(slides, np.inf, 2.0 * np.pi)[:, None] * [-1.0, 1.0]
@@ -237,13 +267,27 @@ def _common_intervals(first: Fitted, second: Fitted) -> list[Array]:
     ]
     common = []
     for joint, (one, other) in enumerate(zip(*ranges, strict=True)):
+        low, high = max(one[0], other[0]), min(one[1], other[1])
         intervals = overlaps(one[None], other[None])
         for model in (first, second):
             for coverage in (model.seen, model.falls_back.within if model.falls_back else None):
                 if coverage is not None:
-                    intervals = overlaps(intervals, coverage.intervals_within(joint, *one))
-        common.append(intervals if np.isfinite(intervals).all() else np.clip(intervals, -1.0, 1.0))
+                    intervals = overlaps(intervals, coverage.intervals_within(joint, low, high))
+        common.append(_with_ends(intervals))
     return common
+
+
+def _with_ends(intervals: Array) -> Array:
+    """Return intervals (m, 2) [m] with ends in place of infinite ones, a metre from the others."""
+    low, high = intervals.T
+    other_of_low = np.where(np.isfinite(high), high, 0.0)
+    other_of_high = np.where(np.isfinite(low), low, 0.0)
+    return np.column_stack(
+        [
+            np.where(np.isfinite(low), low, other_of_low - 1.0),
+            np.where(np.isfinite(high), high, other_of_high + 1.0),
+        ]
+    )
 
 
 def _postures(common: Sequence[Array]) -> Array:
