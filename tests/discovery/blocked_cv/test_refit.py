@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from made_up_survey import Hidden, at_joint, observe
-from pa10cal.discovery.blocked_cv.by_campaign import _parameters
+from pa10cal.discovery.blocked_cv.by_campaign import parameters_alone
 from pa10cal.discovery.blocked_cv.other_baselines import with_tilts_shown
 from pa10cal.discovery.blocked_cv.refit import PartialFits, determined_count, one_step, refit
 from pa10cal.discovery.given import calibrate_with_effects
@@ -120,7 +120,7 @@ def test_by_some_poses_a_parameter_stays_within_its_physical_range(hidden):
     assert alone.x[at[0]][0] >= 0.0
     assert lower_Nm <= alone.x[at[1]][1] <= upper_Nm
     for effect, columns in zip(effects, at, strict=True):
-        of_it = _parameters(effect, alone, columns, 0.0).values()
+        of_it = parameters_alone(effect, alone, columns, 0.0).values()
         assert [each.std is None for each in of_it] == alone.at_end[columns].tolist()
     assert alone.at_end[at[1]][1]
 

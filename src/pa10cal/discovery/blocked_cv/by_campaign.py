@@ -64,7 +64,7 @@ def _effect_by_campaign(
     columns = found.columns_of(effect)
     if not is_error_map(effect):
         parameters = {
-            name: _parameters(effect, fit.by, columns, found.at.model.u_scale)
+            name: parameters_alone(effect, fit.by, columns, found.at.model.u_scale)
             for name, fit in fits.items()
         }
         return records.EffectByCampaign(
@@ -90,7 +90,7 @@ def _effect_by_campaign(
     )
 
 
-def _parameters(
+def parameters_alone(
     effect: Effect, by: OneStep, columns: slice, u_scale: float
 ) -> dict[str, records.ParameterAlone]:
     """Return the reported parameters of an effect, of the unknowns in these columns."""
