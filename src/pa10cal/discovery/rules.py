@@ -214,8 +214,7 @@ class Maps:
     compared_within_deg: float = 1.5  # so near [deg] (trials)
     compared_arc_deg: float = 7.5  # shortest arc left out for intervals of agreement [deg] (trials)
     compared_arc_lengths: float = 2.0  # correlation lengths of the curves in such an arc (trials)
-    # longest lag that their estimate takes, in the range of the common angles (statistics)
-    compared_lags: float = 0.25
+    compared_lags: float = 0.25  # longest lag of their estimate, of the common angles (statistics)
     compared_arcs: int = 8  # arcs without which there is no interval (statistics)
 
 
