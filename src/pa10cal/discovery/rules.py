@@ -212,9 +212,7 @@ class Maps:
     angles_a_turn: int = 360  # angles at which errors of two campaigns are compared (computing)
     compared_poses: int = 10  # poses near an angle by which a campaign visited it (trials)
     compared_within_deg: float = 1.5  # so near [deg] (trials)
-    compared_arc_deg: float = 7.5  # shortest arc left out for intervals of agreement [deg] (trials)
-    compared_arc_lengths: float = 2.0  # correlation lengths of the curves in such an arc (trials)
-    compared_lags: float = 0.25  # longest lag of their estimate, of the common angles (statistics)
+    compared_arc_lengths: float = 2.0  # correlation lengths of curves in an arc left out (trials)
     compared_arcs: int = 8  # arcs without which there is no interval (statistics)
 
 

@@ -28,6 +28,9 @@ from pa10cal.terms.effects.joint_error_map import is_error_map
 #: Angles of a turn at which errors are compared [rad].
 ANGLES_RAD = np.linspace(0.0, 2.0 * np.pi, MAPS.angles_a_turn, endpoint=False)
 
+#: Longest lag that counts for a correlation length, in the range of the common angles (statistics).
+_LONGEST_LAG = 0.25
+
 
 class _Pair(TypedDict):
     """Two campaigns, and the part of a turn that both visited."""
@@ -169,13 +172,11 @@ def pair_of(
 def _arc_of_angles(x: Array, y: Array, both: Mask) -> Index:
     """Return the number of the arc of each common angle, (C,), from 0.
 
-    Arcs have equally many common angles: those of `MAPS.compared_arc_lengths` correlation lengths,
-    and no fewer than `MAPS.compared_arc_deg` would have.
+    Arcs have equally many common angles, those of `MAPS.compared_arc_lengths` correlation lengths.
     """
     if not _vary_together(x, y):
         return np.zeros(len(x), dtype=int)
-    least = MAPS.compared_arc_deg * MAPS.angles_a_turn / 360.0
-    angles = max(least, MAPS.compared_arc_lengths * _correlation_length(x, y, both))
+    angles = MAPS.compared_arc_lengths * max(_correlation_length(x, y, both), 1.0)
     return np.arange(len(x)) * max(int(len(x) / angles), 1) // len(x)
 
 
@@ -189,7 +190,7 @@ def _correlation_length(x: Array, y: Array, both: Mask) -> float:
     """
     forward = np.arange(len(both))
     lag = np.minimum(forward, len(both) - forward)
-    weight = np.maximum(1.0 - lag / (MAPS.compared_lags * len(x)), 0.0)
+    weight = np.maximum(1.0 - lag / (_LONGEST_LAG * len(x)), 0.0)
     pairs = np.maximum(_sums_of_products(both.astype(float)), 1.0)  # of common angles, by lag
     on_turn = np.zeros((2, len(both)))
     on_turn[:, both] = x - x.mean(), y - y.mean()
