@@ -123,6 +123,8 @@ class Computing:
     tiny: float = 1e-300  # a sum of weights that is none (computing)
     # correlations are kept from one, where their transform has no end (computing)
     most_correlation: float = 1.0 - 1e-9
+    # longest lag that counts for a correlation length, in the range of the angles (statistics)
+    correlation_lags: float = 0.25
     # a step that lowers the sum of squares by less than this part is the last (computing)
     fit_precision: float = 1e-8
     fit_steps: int = 50  # steps of such a fit (computing)

@@ -13,7 +13,7 @@ from itertools import combinations
 from typing import NamedTuple, TypedDict
 
 import numpy as np
-from scipy.special import stdtrit
+from scipy.special import ndtr, stdtrit
 
 from pa10cal.arrays import Array, Index, Mask, rms
 from pa10cal.discovery.blocked_cv.refit import OneStep, Refit, one_step
@@ -22,14 +22,12 @@ from pa10cal.discovery.rules import MAPS
 from pa10cal.discovery.tuning import COMPUTING
 from pa10cal.numerics.periodic_spline import b_splines, b_splines_by_knots
 from pa10cal.results import calibration as records
+from pa10cal.results.number_text import HALF_WIDTH_95
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import is_error_map
 
 #: Angles of a turn at which errors are compared [rad].
 ANGLES_RAD = np.linspace(0.0, 2.0 * np.pi, MAPS.angles_a_turn, endpoint=False)
-
-#: Longest lag that counts for a correlation length, in the range of the common angles (statistics).
-_LONGEST_LAG = 0.25
 
 
 class _Pair(TypedDict):
@@ -144,7 +142,7 @@ def pair_of(
     enough = len(arcs) >= MAPS.compared_arcs
     if not (enough and all(_vary_together(x[rows], y[rows]) for rows in samples)):
         return records.CampaignsAgree.unknown(**pair)
-    half_widths = float(stdtrit(len(arcs) - 1, 0.975))
+    half_widths = float(stdtrit(len(arcs) - 1, ndtr(HALF_WIDTH_95)))
 
     def interval(statistic: Callable[[Array, Array], float]) -> tuple[float, float, float]:
         """Return a statistic and its 95 % interval."""
@@ -190,7 +188,7 @@ def _correlation_length(x: Array, y: Array, both: Mask) -> float:
     """
     forward = np.arange(len(both))
     lag = np.minimum(forward, len(both) - forward)
-    weight = np.maximum(1.0 - lag / (_LONGEST_LAG * len(x)), 0.0)
+    weight = np.maximum(1.0 - lag / (COMPUTING.correlation_lags * len(x)), 0.0)
     pairs = np.maximum(_sums_of_products(both.astype(float)), 1.0)  # of common angles, by lag
     on_turn = np.zeros((2, len(both)))
     on_turn[:, both] = x - x.mean(), y - y.mean()
