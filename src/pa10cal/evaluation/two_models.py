@@ -36,7 +36,7 @@ _NOT_OF_LAYOUT = ("limits_rad", "gear_ratio", "torque_limit_Nm", "mass_kg", "com
 _AS_IN_FILE = ("coupling", "controller")
 #: Postures compared, and the seed of their draw (computing).
 POSTURES, SEED = 400, 1
-#: Whole turns by which angles that two models have seen may be apart, at most.
+#: Whole turns that are tried between angles that two models have seen, at most (computing).
 _MOST_TURNS = 4
 #: Steps of the fit of base and tool (computing).
 _GAUSS_NEWTON_STEPS = 6
