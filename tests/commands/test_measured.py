@@ -12,7 +12,7 @@ import pytest
 
 from made_up_datasets import write_titan
 from pa10cal.commands.command_line import REFUSED, main
-from pa10cal.datasets import measured
+from pa10cal.datasets import known_campaigns, measured
 from pa10cal.datasets.known_campaigns import (
     CAMPAIGNS,
     CARRIED,
@@ -73,7 +73,7 @@ def table(place):
     words = ["measured", "--results", str(place / "results"), "--out", str(place / "results")]
     folders = [str(place / "raw" / name) for name in NAMES]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(measured, "GROUPS", {"pair": PAIR})
+        patch.setattr(known_campaigns, "GROUPS", {"pair": PAIR})
         assert main([*words, "--campaign-dir", *folders]) == 0
     return read(MeasuredRobotsRecord, place / "results/measured.json")
 
