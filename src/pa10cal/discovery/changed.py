@@ -273,7 +273,8 @@ def load_between_repeats(
     """Return the load that was put on or taken off between readings of the same poses, if any.
 
     Repeats tell what goes with time from what goes with the pose, so that it is sought beside all
-    that depends on either. It has to gain more than a motion of the base, and beside gradual loads.
+    that depends on either. It has to gain more than a motion of the base, and beside gradual loads;
+    or more than these, which few repeats, far apart in time, hardly tell from it.
     """
     if not (may_show_changes(poses) and measured_again(poses)):
         return NO_OTHER_CAUSES
@@ -285,13 +286,14 @@ def load_between_repeats(
     smooth = by_pose_and_time(at, poses, effects, logged=logged, weights=True)
     rows = StepRows(at, poses, whitener, *smooth)
     load, of_base = rows.best(columns), rows.best(change_columns("base", 0, at, poses))
-    gradual = [CHANGE.static_sizes * (columns * course) for course in gradual_courses(poses)]
-    at_once = StepRows(at, poses, whitener, *smooth, *gradual)
+    gradual = np.concatenate([columns * course for course in gradual_courses(poses)], axis=2)
+    at_once = StepRows(at, poses, whitener, *smooth, CHANGE.static_sizes * gradual)
     needed = _needed(2 * len(poses))
-    if (
-        load.gain < max(needed, of_base.gain + CHANGE.as_good_nats)
-        or at_once.best(columns, np.array([load.row])).gain < needed
-    ):
+    if load.gain < max(needed, of_base.gain + CHANGE.as_good_nats):
+        return NO_OTHER_CAUSES
+    is_sudden = at_once.best(columns, np.array([load.row])).gain >= needed
+    by_gradual = rows.best(gradual, np.array([0])).gain
+    if not is_sudden and load.gain < by_gradual + CHANGE.as_good_nats:
         return NO_OTHER_CAUSES
     time_s = poses.states.time_s
     near = rows.as_good(columns, load.scale, load.row)
@@ -300,7 +302,10 @@ def load_between_repeats(
         float(time_s[near[0] - 1]),
         float(time_s[near[-1]]),
     )
-    return OtherCauses((_load_of(jump, load, of_base, rows, at, poses),), {})
+    found = _load_of(jump, load, of_base, rows, at, poses)
+    if not is_sudden and load.gain < by_gradual + CHANGE.better_nats:
+        found = replace(found, rivals=(*found.rivals, "a change that came on slowly"))
+    return OtherCauses((found,), {})
 
 
 def _load_of(
