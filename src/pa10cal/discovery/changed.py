@@ -224,8 +224,8 @@ def other_causes(
 ) -> OtherCauses:
     """Return what else explains the steps of the base.
 
-    Where poses were measured again after a step, these show that no joint and no target moved, but
-    a load moves them as well.
+    Where poses were measured again after a step, these show that no target moved, but a load or the
+    zero of a joint moves them as well.
     """
     if wander is None or not wander.jumps or poses.measured.campaigns:
         return NO_OTHER_CAUSES
@@ -254,7 +254,7 @@ def other_causes(
         # What a step of the base leaves, too, may be what it explains better than a load.
         if load is not None and load.gain > needed and not rows.leaves_little(of_base):
             rivals[WORDS["load"]] = None
-        for joint in () if again else range(1, at.arm.n + 1):
+        for joint in range(1, at.arm.n + 1):
             step = rows.best(CHANGE.size * jacobians.by_joints(at, poses, (joint,)), row)
             if rows.does_as_well("zero", step, of_base):
                 rivals[f"another zero of joint {joint}"] = None
