@@ -29,7 +29,12 @@ from pa10cal.discovery.nuisances import Nuisance, between_rows
 from pa10cal.discovery.rules import CHANGE, MOTION
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
-from pa10cal.observe.time_order import may_show_changes, spread_over_time, step_thresholds
+from pa10cal.observe.time_order import (
+    may_show_changes,
+    measured_again,
+    spread_over_time,
+    step_thresholds,
+)
 from pa10cal.terms.effects.effect import Effect
 
 #: A step from the first row on: columns that hold steps of their own count as they are.
@@ -187,17 +192,19 @@ class _Steps:
     def leave_little(self) -> bool:
         """Return whether they leave little of the squared error, alone and beside `smooth`.
 
-        Of all components, or of positions: orientations may be all noise.
+        Of all components, or of positions: orientations may be all noise. Where poses are measured
+        again, also of what is beyond the stated noise: their differences show what a step is.
         """
+        again = measured_again(self.poses)
         positions = np.isin(np.arange(self.whitener.shape[2]), self.poses.measured.position_columns)
+
+        def little(whitener: Array, beside: Sequence[Array]) -> bool:
+            rows = StepRows(self.at, self.poses, whitener, *beside)
+            step = rows.best(self.columns, _FROM_FIRST)
+            return step.remaining <= CHANGE.most_left_share or (again and rows.leaves_little(step))
+
         return all(
-            min(
-                StepRows(self.at, self.poses, whitener, *beside)
-                .best(self.columns, _FROM_FIRST)
-                .remaining
-                for whitener in (self.whitener, self.whitener * positions)
-            )
-            <= CHANGE.most_left_share
+            any(little(each, beside) for each in (self.whitener, self.whitener * positions))
             for beside in ((), self.smooth)
         )
 
