@@ -94,8 +94,8 @@ import os, signal, sys
 from pa10cal.__main__ import main
 from pa10cal.commands import chain
 chain._run_stages = lambda *given: {}
-sys.exit(main(["chain", "--campaign-dir", "data/irb120-points", "--results", sys.argv[1]]))
-"""
+sys.exit(main(["chain", "--campaign-dir", CAMPAIGN, "--results", sys.argv[1]]))
+""".replace("CAMPAIGN", repr(str(Path(__file__).parents[2] / "examples/irb120-points")))
 FULL = "given[-1]({'no_room': 'No space left on device'})"
 KILLED = "import os, signal; os.kill(os.getpid(), signal.{})"
 
