@@ -172,7 +172,7 @@ def _of_texts(texts: list[tuple[int, str]], *, places: bool) -> Group:
 
 
 def _rounded(value: float) -> float:
-    return float(f"{value:.13g}")
+    return float(f"{value:.11g}")
 
 
 def _hash(text: str) -> str:
