@@ -218,6 +218,7 @@ class Parameters:
     usual_scales: float = 1.0
     # and so many times as large as those that the readings determine (chosen)
     usual_times: float = 2.0
+    usual_rounds: int = 50  # steps in which their size is found (computing)
     # what is known to this part of its usual size is known by the readings alone (statistics)
     known_share: float = 0.3
     # standard deviation thought possible of the model's own parameters, in their scale: wide enough

@@ -201,7 +201,6 @@ class Unknowns:
     stated_target_m: float = 2e-3
     # degrees of freedom from which on residuals say that the stated noise is too large (statistics)
     least_dof: int = 10
-    usual_rounds: int = 50  # steps in which their size is found (computing)
     # a parameter is determined by a campaign that knows it to this part of what it may well
     # be (statistics)
     determined_share: float = 0.1

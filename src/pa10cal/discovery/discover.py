@@ -409,10 +409,8 @@ def not_sought(
     floor_mm = mean_noise_error_mm(poses.measured, cov)
     compared = partial(gap, before=baseline, after=baseline, noise_floor_mm=floor_mm)
     x, covariance = np.concatenate([baseline.x, np.zeros(6)]), calibrated.covariance
-    at, unknowns = (
-        replace(baseline, model=with_base_motion(baseline), x=x),
-        len(x) + len(baseline.targets_m),
-    )
+    at = replace(baseline, model=with_base_motion(baseline), x=x)
+    unknowns = len(x) + len(baseline.targets_m)
     return Verdict(
         prepared=campaign,
         scorer=NotSought(

@@ -87,24 +87,12 @@ def discrepancy_of(
     points = embedded(poses.states.q_rad, lever_m, turns)
     rows = rows.with_noise_of_pairs(points, label, LACK.pair_rad * float(lever_m.max()))
     places = well_spread(points, LACK.most_places)
-    rng = np.random.default_rng(0)
-    held_out, distance_m, square_mm2 = [], [], []
-    for number, fold in enumerate(held_out_in_turn(points, label, poses.states, groups, rng)):
-        for k in range(groups):
-            out = np.flatnonzero(fold == k)
-            stays = places[fold[places] != k]
-            if not len(out) or not len(stays):
-                continue
-            distance_m.append(cKDTree(points[stays]).query(points[out])[0])
-            square_mm2.append(rows.beyond_parameters_mm2(out))
-            held_out.append(out)
-        if number == 0:
-            near_m = float(np.quantile(np.concatenate(distance_m), LACK.near_share))
-    out, squares_mm2 = np.concatenate(held_out), np.concatenate(square_mm2)
-    certainty = rows.certainty(group_means(squares_mm2, out))
-    of_poses = rows.of_poses(squares_mm2, certainty[out])
-    errors_mm2, weights = of_poses.mm2, rows.trust[out] * of_poses.certainty
-    steps_m, mean_mm2 = _by_distance(np.concatenate(distance_m), errors_mm2, weights)
+    folds = held_out_in_turn(points, label, poses.states, groups, np.random.default_rng(0))
+    held_out = _HeldOut.of(rows, points, places, folds)
+    certainty = rows.certainty(group_means(held_out.square_mm2, held_out.pose))
+    of_poses = rows.of_poses(held_out.square_mm2, certainty[held_out.pose])
+    errors_mm2, weights = of_poses.mm2, rows.trust[held_out.pose] * of_poses.certainty
+    steps_m, mean_mm2 = _by_distance(held_out.distance_m, errors_mm2, weights)
     # Poses held out are predicted by a new fit; the model itself may be further off than that even
     # where it was fitted, as one that was fitted beside an error without a name.
     expected_mm2 = max(float(np.average(errors_mm2, weights=weights)), 0.0)
@@ -116,7 +104,7 @@ def discrepancy_of(
         turns=turns,
         distance_m=steps_m,
         error_mm=np.sqrt(mean_mm2),
-        near_m=near_m,
+        near_m=held_out.near_m,
         repeatability_mm=of_repeats_mm,
     )
     if kept_apart is None or not len(kept_apart):
@@ -128,6 +116,39 @@ def discrepancy_of(
     of_mean = replace(found, repeatability_mm=0.0)  # readings are averaged
     more_mm2 = _beyond_promised_mm2(model, of_mean, apart, kept_apart.states.q_rad)
     return replace(found, error_mm=np.sqrt(mean_mm2 + more_mm2))
+
+
+class _HeldOut(NamedTuple):
+    """Poses held out in turn, N in all, each as often as there are partitions."""
+
+    pose: Index  # (N,) number of each pose
+    distance_m: Array  # (N,) from the nearest pose that stayed
+    square_mm2: Array  # (N, b) squared errors beyond noise and parameters
+    near_m: float  # distance within which most poses of the first partition are
+
+    @classmethod
+    def of(
+        cls, rows: RowsAboutFit, points: Array, places: Index, folds: Iterator[Index]
+    ) -> _HeldOut:
+        """Hold out every group of each partition, given as the group of every pose (P,).
+
+        Args:
+            places: the poses to which distances are taken.
+        """
+        pose, distance_m, square_mm2, near_m = [], [], [], None
+        for fold in folds:
+            for k in range(int(fold.max()) + 1):
+                out, stays = np.flatnonzero(fold == k), places[fold[places] != k]
+                if len(out) and len(stays):
+                    pose.append(out)
+                    distance_m.append(cKDTree(points[stays]).query(points[out])[0])
+                    square_mm2.append(rows.beyond_parameters_mm2(out))
+            if near_m is None:
+                near_m = float(np.quantile(np.concatenate(distance_m), LACK.near_share))
+        assert near_m is not None
+        return cls(
+            np.concatenate(pose), np.concatenate(distance_m), np.concatenate(square_mm2), near_m
+        )
 
 
 def _beyond_promised_mm2(

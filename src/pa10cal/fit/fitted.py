@@ -19,14 +19,13 @@ from pa10cal.arm.statics import Payload, PoseStates
 from pa10cal.arrays import Array
 from pa10cal.errors import ModelError
 from pa10cal.fit.loads import with_torques
-from pa10cal.fit.problem import DEPARTURES, hardly_known
+from pa10cal.fit.problem import DEPARTURES, hardly_known, usual_departures
 from pa10cal.fit.validity import AngleCoverage, Discrepancy
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations, reading_checksums
 from pa10cal.observe.quantities import Comparison, Deviations
 from pa10cal.results.calibration import Health, InputFinding
 from pa10cal.results.record import CampaignIdentity, Part
-from pa10cal.rules import PARAMETERS
 from pa10cal.terms.model import Model
 from pa10cal.terms.term import Report, Term, TermParameter
 from pa10cal.terms.wrapped import OfCampaign, of_campaign, of_one_campaign
@@ -518,13 +517,10 @@ def departures_hardly_known(model: Fitted) -> Array:
     k = len(model.x)
     if model.covariance is None or len(model.covariance) < k:
         return np.zeros((0, k))
-    usual, scale = np.full(k, np.inf), model.model.scale
-    square = (model.x**2 + np.diag(model.covariance)[:k]) / scale**2
-    for roles in DEPARTURES:
-        at = model.model.having(*roles)
-        size = PARAMETERS.usual_times * np.sqrt(square[at].mean()) if at.any() else 0.0
-        usual[at] = scale[at] * max(size, PARAMETERS.usual_scales)
-    return hardly_known(model.covariance[:k, :k], usual)
+    covariance = model.covariance[:k, :k]
+    groups = [model.model.having(*roles) for roles in DEPARTURES]
+    usual = usual_departures(model.x, covariance, model.model.scale, groups)
+    return hardly_known(covariance, usual)
 
 
 def predicting_model(model: Fitted) -> Fitted:

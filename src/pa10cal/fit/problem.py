@@ -285,6 +285,41 @@ def possible_sizes(model: Model, measured: Instrument | None = None) -> Array:
 DEPARTURES: tuple[tuple[Role, ...], ...] = (("link", "tilt"), ("zero",))
 
 
+def usual_departures(
+    x: Array, covariance: Array, scale: Array, groups: Sequence[Mask], prior: Array | None = None
+) -> Array:
+    """Return the standard deviation expected of each unknown, (k,), infinite but for departures.
+
+    Links of one arm are about as accurate as each other, and so are zeros: the departures of a
+    group have a normal distribution about zero, of a size in scales that makes the readings most
+    likely (the EM algorithm, linear about the fit). Twice that size is expected: some are larger
+    than normal.
+
+    Args:
+        x: (k,) the unknowns as fitted.
+        covariance: (k, k) by the fit.
+        scale: (k,) typical size of each.
+        groups: which unknowns (k,) are departures of one size.
+        prior: (k,) precision about zero that the fit had besides its readings; None for none.
+    """
+    known = np.diag(covariance) > 0.0
+    at = np.flatnonzero(known & np.logical_or.reduce(groups))
+    inverse = np.linalg.inv(covariance[np.ix_(at, at)])
+    information = inverse if prior is None else inverse - np.diag(prior[at])
+    towards, size = inverse @ x[at], np.full(len(x), PARAMETERS.usual_scales)
+    for _ in range(PARAMETERS.usual_rounds):
+        spread = np.linalg.inv(information + np.diag((size[at] * scale[at]) ** -2.0))
+        square = np.zeros(len(x))
+        square[at] = ((spread @ towards) ** 2 + np.diag(spread)) / scale[at] ** 2
+        for group in groups:
+            if (of_group := group & known).any():
+                size[group] = np.sqrt(square[of_group].mean())
+    usual = np.full(len(x), np.inf)
+    expected = np.maximum(PARAMETERS.usual_times * size, PARAMETERS.usual_scales)
+    usual[at] = (scale * expected)[at]
+    return usual
+
+
 def hardly_known(covariance: Array, usual: Array, prior: Array | None = None) -> Array:
     """Return rows (r, k) of a prior along the directions that a fit hardly determines.
 

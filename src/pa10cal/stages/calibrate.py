@@ -96,12 +96,13 @@ def calibrate(
                 about = f"{campaign.name} {name}: the verdict {verdict}"
                 print(f"{about} names no effects to calibrate with")
             by_general = general or name == GENERAL
+            is_left_out_for = TooFewPosesError if name in may_be_left_out else ()
             try:
                 records[name] = _record(case, seed, of_verdict, discovery, by_general=by_general)
+            except is_left_out_for as error:
+                left_out[name] = f"{error.what} ({error.value}); needed: {error.allowed}"
+                continue
             except (CalibrationError, DiscoveryError) as error:
-                if isinstance(error, TooFewPosesError) and name in may_be_left_out:
-                    left_out[name] = f"{error.what} ({error.value}); needed: {error.allowed}"
-                    continue
                 placed = error.within(str(prior_file)) if error.where == "prior" else error
                 placed = placed if load else placed.within(f"load case {name}")
                 raise explained(placed, findings) from None

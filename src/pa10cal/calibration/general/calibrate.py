@@ -17,7 +17,7 @@ from pa10cal.arm.chain import BASE, Chain
 from pa10cal.arm.description import Arm, weights_known
 from pa10cal.arm.statics import Payload, PoseStates
 from pa10cal.arrays import Array, Mask
-from pa10cal.calibration.general.fit import GeneralSolution, fit, usual_departures
+from pa10cal.calibration.general.fit import GeneralSolution, fit
 from pa10cal.calibration.general.problem import (
     GeneralProblem,
     check_enough,
@@ -35,7 +35,7 @@ from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.calibration.rules import FIT, GRADES, SPRINGS, UNKNOWNS
 from pa10cal.errors import RecordError
 from pa10cal.fit.loads import with_loads_read_by, with_torques
-from pa10cal.fit.problem import Problem, hardly_known
+from pa10cal.fit.problem import DEPARTURES, Problem, hardly_known, usual_departures
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Start
@@ -212,14 +212,15 @@ def _of_usual_size(
     """
     if _is_stated_too_large(problem, found):
         return found
-    usual = usual_departures(problem, found)
+    covariance, prior = found.covariance / found.widening**2, np.diag(found.span.precision)
+    groups = [problem.having(*roles) for roles in DEPARTURES]
+    usual = usual_departures(found.x, covariance, problem.scale, groups, prior)
     about = np.where(np.isfinite(usual), 0.0, found.x)
     if start.targets_stated:
         of_targets = problem.having("target")
         about[of_targets] = start.targets_m[problem.places]
         usual[of_targets] = UNKNOWNS.stated_target_m
-    prior = np.diag(found.span.precision)
-    rows = hardly_known(found.covariance / found.widening**2, usual, prior)
+    rows = hardly_known(covariance, usual, prior)
     if not len(rows):
         return found
     last = fitted(problem, found.x, scatter_start=found.scatter, about=about, usual=rows)

@@ -19,15 +19,7 @@ from scipy.linalg.lapack import dtrtri
 
 from pa10cal.arrays import Array, Mask
 from pa10cal.calibration.rules import FIT, UNKNOWNS
-from pa10cal.fit.problem import (
-    DEPARTURES,
-    GaussianPrior,
-    Identifiability,
-    Problem,
-    Rows,
-    Solution,
-    triangle_of,
-)
+from pa10cal.fit.problem import GaussianPrior, Identifiability, Problem, Rows, Solution, triangle_of
 from pa10cal.fit.robust_weights import first_scatter, refreshed, weighted_rows
 from pa10cal.numerics.least_squares import Bounds, Equations, Step, minimise, solve_normal
 from pa10cal.rules import PARAMETERS
@@ -204,37 +196,6 @@ def reach_of(problem: Problem) -> Array:
     reach = np.where(np.isfinite(width), width, UNKNOWNS.reach_scales * problem.scale)
     plausible = np.array([each.plausible for each in problem.parameters], dtype=float)
     return np.where(np.isnan(plausible), reach, plausible)
-
-
-def usual_departures(problem: Problem, found: GeneralSolution) -> Array:
-    """Return the standard deviation expected of each unknown, (k,), infinite but for departures.
-
-    Links of one arm are about as accurate as each other, and so are zeros: their departures from
-    nominal have a normal distribution about zero, of a size in scales that makes the readings most
-    likely (the EM algorithm, linear about the fit). Twice that size is expected: some are larger
-    than normal.
-    """
-    span, free = found.span, np.flatnonzero(np.diag(found.covariance) > 0.0)
-    inverse = found.widening**2 * np.linalg.inv(found.covariance[np.ix_(free, free)])
-    of_data = inverse - span.precision[np.ix_(free, free)]
-    x, centre = found.x[free], span.centre[free]
-    towards = inverse @ x - span.precision[np.ix_(free, free)] @ centre  # by the data alone
-    groups = [problem.having(*roles)[free] for roles in DEPARTURES]
-    size = np.full(len(free), np.inf)  # in scales
-    for at in groups:
-        size[at] = PARAMETERS.usual_scales
-    scale = problem.scale[free]
-    for _ in range(UNKNOWNS.usual_rounds):
-        precision = np.minimum(size * scale, span.reach[free]) ** -2.0
-        covariance = np.linalg.inv(of_data + np.diag(precision))
-        mean = covariance @ (towards + np.where(np.isinf(size), precision * centre, 0.0))
-        square = (mean**2 + np.diag(covariance)) / scale**2
-        for at in groups:
-            if at.any():
-                size[at] = np.sqrt(square[at].mean())
-    usual = np.full(len(found.x), np.inf)
-    usual[free] = scale * np.maximum(PARAMETERS.usual_times * size, PARAMETERS.usual_scales)
-    return usual
 
 
 class _WeightedProblem:
