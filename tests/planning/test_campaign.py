@@ -1,10 +1,20 @@
 """A glance at a campaign never refuses; what it sees is right."""
 
 import os
+from pathlib import Path
 
 import pytest
 
-from pa10cal.planning.campaign import arm_files, campaign_name, raw_files, robot_name
+from pa10cal.command_settings import ChainOptions
+from pa10cal.errors import OutputError
+from pa10cal.planning.campaign import (
+    arm_files,
+    campaign_name,
+    raw_files,
+    refuse_files_of_others,
+    robot_name,
+)
+from pa10cal.stages.pipeline import stages
 
 
 @pytest.fixture
@@ -65,3 +75,23 @@ def test_a_description_that_changes_is_read_again(campaign):
     folder = campaign("robot: other")
     os.utime(folder / "campaign.yaml", ns=(1, 1))
     assert robot_name(folder) == "other"
+
+
+@pytest.mark.parametrize("members", [("mine",), ("may", "june")])
+@pytest.mark.parametrize("effects", [(), "named"])
+def test_all_that_stages_write_and_their_logs_are_files_that_a_run_makes(
+    tmp_path, members, effects
+):
+    settings = ChainOptions.model_validate({"calibration": {"effects": effects}})
+    made = [*stages(tuple(map(Path, members)), tmp_path, settings)]
+    written = {path for stage in made for path in stage.writes.values()}
+    written |= {tmp_path / "members" / name / "logs/ingest.log" for name in members}
+    written |= {tmp_path / "logs/discover.log", tmp_path / "chain.json"}
+    for path in written:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text('{"schema": "pa10cal-calibration/1"}', "utf-8")
+    refuse_files_of_others(tmp_path)
+    (tmp_path / "discovery/notes.txt").touch()
+    with pytest.raises(OutputError, match="no run made") as refused:
+        refuse_files_of_others(tmp_path)
+    assert refused.value.where.endswith("notes.txt")

@@ -31,9 +31,10 @@ _SCHEMA_BYTES = 100
 _OF_CALIBRATION = ("*.json",)
 _OF_READINGS = ("poses.parquet", "quarantine.csv")
 #: Folders that a run makes, and removes, among the results of a campaign, and patterns of the files
-#: in them; `members` is that of a group, whose `ingest` holds its description and that of its arm.
+#: in them; `members` is that of a group, with logs of its members, whose `ingest` holds its
+#: description and that of its arm.
 RESULT_FILES = {
-    "members": (*_OF_READINGS, "base_frame.json"),
+    "members": (*_OF_READINGS, "base_frame.json", "*.log"),
     "ingest": (*_OF_READINGS, "*.yaml", "*.urdf", "*.xacro", "*.xml"),
     "seed": ("base_frame.json",),
     "baseline": _OF_CALIBRATION,
