@@ -56,6 +56,15 @@ class TestJointErrorMaps:
         assert np.isfinite(values(drawing.figure.data[1])).all()
         assert not drawing.figure.layout.shapes
 
+    def test_maps_of_other_numbers_of_knots_share_an_axis(self, learnt):
+        first, *others = learnt.verdict.effects
+        fewer = dict(list(first.parameters.items())[:7])
+        effects = (first.model_copy(update={"parameters": fewer}), *others)
+        verdict = learnt.verdict.model_copy(update={"effects": effects})
+        drawings = list(joint_map_drawings(verdict))
+        assert len({len(drawing.figure.data[1].x) for drawing in drawings}) == 2
+        assert len({tuple(drawing.figure.layout.yaxis.range) for drawing in drawings}) == 1
+
     def test_nothing_is_said_where_there_is_no_map(self, learnt, results):
         assert len(list(errors_by_angle(learnt))) == 2
         assert not list(errors_by_angle(results))

@@ -241,11 +241,11 @@ def joint_map_drawings(verdict: VerdictRecord) -> Iterator[Drawing]:
     }
     unseen = {joint: _unseen(joint, joint_map, verdict) for joint, joint_map in maps.items()}
     # Where nothing was fitted a band may be many times the map: it is not all shown there.
-    largest = [
-        np.abs(of.error_mrad) + np.where(unseen[joint], 0.0, of.half_width_mrad)
+    largest_mrad = [
+        np.max(np.abs(of.error_mrad) + np.where(unseen[joint], 0.0, of.half_width_mrad))
         for joint, of in maps.items()
     ]
-    limit_mrad = 1.1 * float(np.max(largest)) if largest else 1.0
+    limit_mrad = 1.1 * float(max(largest_mrad)) if largest_mrad else 1.0
     for joint, joint_map in sorted(maps.items()):
         yield _joint_map_drawing(joint, joint_map, unseen[joint], limit_mrad)
 
