@@ -200,9 +200,9 @@ class Maps:
     # highest order that decides about a spectrum, in cycles a turn: beyond is the floor (trials)
     highest_band: int = 107
     angle_parts: int = 10  # parts of a joint's visited angles, alike in poses (computing)
-    # those of them that are left out: both of few joints, one of many (computing)
-    tenths_left_out: tuple[int, ...] = (2, 7)
-    few_joints: int = 3  # so many joints are few (computing)
+    # stretches of angles that are left out, of all joints together, at least: six told by chance
+    # which of two priors is better (measured)
+    angle_stretches: int = 20
     # weights of orientations that are tried, in their scatter (trials)
     attitude_weights: tuple[float, ...] = (1.0, 0.5, 0.25)
     # how far the logarithms of a band's numbers may be off usual ones, a standard deviation (size)

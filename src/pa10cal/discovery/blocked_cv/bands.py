@@ -39,9 +39,11 @@ from pa10cal.terms.effects.joint_error_map import FINE, TYPICAL, BandPrior, Join
 class InBands:
     """A fit whose maps have bands, and the held-out errors by which these were accepted."""
 
-    fit: LinearFit  # the members, maps with their bands
+    # the members, maps with their bands; in splines of all orders and unit scatter, where the
+    # held-out errors are of waves up to `MAPS.highest_band`. A refit has the widening
+    fit: LinearFit
     estimates: BandEstimates  # of the bands
-    of_time: Array  # (B, 2) squares of held-out stretches of time, without and with bands
+    of_time: Array  # (B, 2) squares of the search's held-out blocks, without and with bands
     of_angles: Array  # (S, 2) the same of held-out stretches of angles
     widening: Widening  # scatter of the components, and weight of orientations
 
@@ -80,10 +82,11 @@ def in_bands(rows: BlockedRows, fine: LinearFit) -> InBands | None:
     members = tuple(with_form(member, FINE) for member in fine.members)
     waves = _WaveColumns(rows, maps)
     by_kind, splines = _equations_by_block(rows, members, waves)
-    weight = _orientation_weight(by_kind, waves, len(maps))
-    blocks = [kinds.weighted(weight) for kinds in by_kind]
-    total, measured = summed(blocks), rows.survey.poses.measured
-    row_count = _row_count(measured, weight)
+    measured = rows.survey.poses.measured
+    of_kind = _components_by_kind(measured)
+    root_weight = _orientation_root_weight(by_kind, of_kind, waves, len(maps))
+    blocks = [kinds.weighted(root_weight) for kinds in by_kind]
+    total, row_count = summed(blocks), round(float(of_kind @ (1.0, root_weight**2)))
     estimates = most_likely(Waves(total, row_count, waves.leading, waves.orders))
     if not estimates.settled:
         return None
@@ -99,23 +102,23 @@ def in_bands(rows: BlockedRows, fine: LinearFit) -> InBands | None:
         )
 
     of_time = held_out(blocks)
-    of_angles = held_out(_stretches_of_angles(rows, members, waves, weight))
+    of_angles = held_out(_stretches_of_angles(rows, members, waves, root_weight))
     if not _no_worse(of_time, of_angles):
         return None
     return InBands(
-        linear_fit_of(splines.weighted(weight), rows, _with_bands(members, estimates.bands)),
+        linear_fit_of(splines.weighted(root_weight), rows, _with_bands(members, estimates.bands)),
         estimates,
         of_time,
         of_angles,
-        Widening(estimates.scatter, weight, tuple(measured.position_columns.tolist())),
+        Widening(estimates.scatter, root_weight, tuple(measured.position_columns.tolist())),
     )
 
 
-def _row_count(measured: Instrument, orientation_weight: float) -> int:
-    """Return the number of components measured, those of orientations counted by their weight."""
+def _components_by_kind(measured: Instrument) -> Array:
+    """Return how many components were measured of positions, and of orientations, (2,)."""
     seen = measured.components_seen.sum(axis=0)
-    positions = int(seen[measured.position_columns].sum())
-    return round(positions + orientation_weight**2 * (int(seen.sum()) - positions))
+    positions = seen[measured.position_columns].sum()
+    return np.array([positions, seen.sum() - positions], dtype=float)
 
 
 def _equations_by_block(
@@ -148,17 +151,22 @@ def _with_bands(
     )
 
 
-def _orientation_weight(by_kind: Sequence[ByKind], waves: _WaveColumns, maps: int) -> float:
-    """Return the weight of orientation rows, in units of that by their scatter.
+def _orientation_root_weight(
+    by_kind: Sequence[ByKind], components: Array, waves: _WaveColumns, maps: int
+) -> float:
+    """Return the root weight of orientation rows, in units of that by their scatter.
 
     Where a target is tilted or bends, errors of orientations average out less than their scatter
-    says. The weight is halved while held-out blocks, each kind with its own scatter, become more
-    likely.
+    says. The root weight is halved while held-out blocks, each kind with its own scatter, become
+    more likely.
+
+    Args:
+        components: (2,) how many were measured of positions, and of orientations.
     """
     sizes = waves.sizes([TYPICAL] * maps, 1.0)
     best, least = 1.0, np.inf
-    for weight in MAPS.attitude_weights:
-        blocks = [kinds.weighted(weight) for kinds in by_kind]
+    for root_weight in MAPS.attitude_weights:
+        blocks = [kinds.weighted(root_weight) for kinds in by_kind]
         total = summed(blocks)
         squares = np.array(
             [
@@ -169,10 +177,10 @@ def _orientation_weight(by_kind: Sequence[ByKind], waves: _WaveColumns, maps: in
         _, of_orientations = squares
         if of_orientations <= 0.0:  # none were measured
             return 1.0
-        cost = float(np.log(squares).sum())
+        cost = float(components @ np.log(squares))  # of each kind, with its likeliest scatter
         if cost >= least:
             break
-        best, least = weight, cost
+        best, least = root_weight, cost
     return best
 
 
@@ -211,7 +219,7 @@ class _WaveColumns:
     def sizes(self, spectra: Sequence[Spectrum], scatter: float) -> Array:
         """Return the standard deviations (N,) of all columns, by the spectra of the maps.
 
-        In units of the scatter of the rows.
+        Those of waves in units of the scatter of the rows; those of the columns before them are 1.
         """
         of_maps = (spectrum.sizes_rad(self.orders) / scatter for spectrum in spectra)
         return np.concatenate([np.ones(self.leading), *of_maps])
@@ -238,18 +246,37 @@ def _held_out_squares(
 
 
 def _stretches_of_angles(
-    rows: BlockedRows, members: tuple[ShapedEffect, ...], waves: _WaveColumns, weight: float
+    rows: BlockedRows, members: tuple[ShapedEffect, ...], waves: _WaveColumns, root_weight: float
 ) -> Iterator[Gaussian]:
-    """Yield the normal equations of poses with a joint in a tenth of its visited angles."""
+    """Yield the normal equations of poses with a joint in a stretch of its visited angles.
+
+    Of each joint as many stretches, evenly spread.
+    """
     maps = maps_among(members)
     joints, knots = joints_and_knots(members)
-    for k, each in enumerate(maps):
-        angle = rows.survey.poses.states.q_rad[:, each.joint - 1]
-        tenth = np.argsort(np.argsort(angle, kind="stable")) * MAPS.angle_parts // len(angle)
-        tenths = MAPS.tenths_left_out
-        if len(maps) > MAPS.few_joints:  # one of each joint, the first and the second in turn
-            tenths = tenths[k % 2 :][:1]
-        for number in tenths:
-            survey = replace(rows.survey, block=np.where(tenth == number, 0, -1))
-            of_tenth = replace(rows, survey=survey).equations_by_kind(0, joints, knots)
-            yield waves.of(of_tenth.weighted(weight))
+    of_each = -(-MAPS.angle_stretches // len(maps))
+    for each in maps:
+        stretch = _stretches_of_turn(rows.survey.poses.states.q_rad[:, each.joint - 1])
+        visited = np.unique(stretch)
+        spread = (np.arange(of_each) + 0.5) * len(visited) / of_each
+        for number in visited[np.unique(spread.astype(int))]:
+            survey = replace(rows.survey, block=np.where(stretch == number, 0, -1))
+            of_stretch = replace(rows, survey=survey).equations_by_kind(0, joints, knots)
+            yield waves.of(of_stretch.weighted(root_weight))
+
+
+def _stretches_of_turn(angle_rad: Array) -> Array:
+    """Return in which stretch of the angles visited each pose is, (P,), from 0 on.
+
+    Stretches have about as many poses each; one with a station of many poses has more, and the next
+    ones may have none. They are of the turn, so that no pose left out stands at an angle which the
+    joint visits in another turn as well, and poses that are nearer to a knot than to others are in
+    the same one. The first one begins after the widest gap.
+    """
+    cell = np.round(np.mod(angle_rad, 2.0 * np.pi) * (FINE / (2.0 * np.pi))).astype(int) % FINE
+    visited = np.unique(cell)
+    gap = np.diff(visited, append=visited[0] + FINE)
+    cell = (cell - visited[(int(np.argmax(gap)) + 1) % len(visited)]) % FINE
+    count = np.bincount(cell, minlength=FINE)
+    middle = np.cumsum(count) - 0.5 * count
+    return np.asarray((MAPS.angle_parts * middle / len(cell)).astype(int)[cell])
