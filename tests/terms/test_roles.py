@@ -20,6 +20,7 @@ from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
 from pa10cal.files.arms import load_arm
 from pa10cal.options import Tolerances
+from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint import Backlash
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
@@ -71,6 +72,12 @@ def test_a_class_states_that_it_yields_or_shows_in_torques_where_it_says_how():
     for kind in term_kinds().values():
         assert kind.yields == hasattr(kind, "by_torque"), kind
         assert kind.shows_torque == hasattr(kind, "torque_derivative"), kind
+
+
+def test_every_effect_and_fault_states_where_it_sits():
+    effects = {name: kind for name, kind in term_kinds().items() if issubclass(kind, Effect)}
+    assert "load_stated" in effects
+    assert [name for name, kind in effects.items() if not hasattr(kind, "sits")] == []
 
 
 def test_a_model_without_some_roles_keeps_its_terms():

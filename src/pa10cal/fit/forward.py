@@ -316,7 +316,7 @@ class Forward:
         maps = [
             term
             for term in self.physical.terms
-            if isinstance(term, JointErrorMap) and term.id == JointErrorMap.id
+            if is_error_map(term) and term.id == JointErrorMap.id
         ]
         if seen is None or not maps:
             return variance_mm2

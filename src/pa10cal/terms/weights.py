@@ -287,6 +287,7 @@ class LoadStated(WeightStated):
 
     load_N: float  # the load as stated
     id = "load_stated"
+    sits = "load"
     nouns = ("load as stated", "loads as stated")
     clauses = ("a load is not what is stated",)
     kind = "load"

@@ -155,8 +155,8 @@ class Effect(Traits):
 
     #: `joint`, at every joint that turns; `driven joint`, at those of them with a motor of their
     #: own, as effects of motor, gear and sensor; `slide`, at every joint that slides before all
-    #: that turn, a rail or column; `long link`, at those that `everywhere` of its class finds; or
-    #: else at this one place.
+    #: that turn, a rail or column; `long link` and `load`, at those that `everywhere` of its class
+    #: finds; or else at this one place.
     sits: ClassVar[str]
 
     # In words. Asked by `terms/wording`, its formula by model files and lists of effects, the
