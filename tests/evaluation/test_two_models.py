@@ -93,6 +93,60 @@ def test_what_base_and_tool_explain_does_not_count():
     assert flange.remaining_deg < 2e-4
 
 
+@pytest.mark.parametrize("turned_rad", [0.02, 1.5, np.pi])
+def test_a_base_that_is_turned_changes_nothing(turned_rad):
+    # The zero of joint 1 turns the base, and is far less known than what it hides.
+    one, other = (with_std(campaign(k), "delta_theta_1", 0.01) for k in (1, 2))
+    other = shifted(other, delta_theta_3=3e-3)
+    flange = pa10cal.compare(one, other).frames["flange"]
+    found = pa10cal.compare(one, shifted(other, delta_theta_1=turned_rad))
+    assert found.agree is False
+    turned = found.frames["flange"]
+    assert turned.expected_mm == pytest.approx(flange.expected_mm, rel=1e-6)
+    assert turned.expected_deg == pytest.approx(flange.expected_deg, rel=1e-6)
+    assert turned.remaining_rms_mm == pytest.approx(flange.remaining_rms_mm, rel=1e-6)
+    assert pa10cal.compare(one, with_std(campaign(2), "delta_theta_1", 0.01)).agree
+
+
+def with_std(model, name, std):
+    """Return a model of which one parameter has another standard uncertainty."""
+    covariance = model.covariance.copy()
+    k = [parameter.name for parameter in model.model.parameters].index(name)
+    covariance[k, k] = std**2
+    return replace(model, covariance=covariance)
+
+
+def test_a_tool_elsewhere_moves_the_errors_of_its_frame():
+    # Errors of a frame and of one that is fixed to it, by differences of their poses.
+    rng = np.random.default_rng(3)
+    T = homogeneous(Rotation.random(5, random_state=1).as_matrix(), rng.normal(size=(5, 3)))
+    base, tool = (
+        homogeneous(Rotation.random(random_state=k).as_matrix(), rng.normal(size=3)) for k in (2, 3)
+    )
+    step, modes = 1e-6, rng.normal(size=(5, 6, 1))
+
+    def erring(T, modes):
+        turned = Rotation.from_rotvec(step * modes[:, 3:, 0]).as_matrix() @ T[:, :3, :3]
+        return homogeneous(turned, T[:, :3, 3] + step * modes[:, :3, 0])
+
+    moved = two_models._modes_moved(modes, T, base, tool)
+    expected = base @ erring(T, modes) @ tool
+    np.testing.assert_allclose(erring(base @ T @ tool, moved), expected, rtol=0, atol=1e-11)
+
+
+@pytest.mark.parametrize("spread_m", [0.0, 0.01, 1.0])
+def test_motions_of_base_and_tool_are_found_however_large(spread_m):
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        R = Rotation.from_rotvec(rng.normal(0.0, 0.5, (60, 3))).as_matrix()
+        T = homogeneous(R, spread_m * rng.normal(size=(60, 3)) + 1.0)
+        turned = [Rotation.random(random_state=100 * k + seed).as_matrix() for k in (1, 2)]
+        base, tool = homogeneous(turned[0], rng.normal(size=3)), homogeneous(turned[1], R[0, 0])
+        T_wanted = base @ T @ tool
+        found_base, found_tool = two_models._moved_onto(T, T_wanted)
+        np.testing.assert_allclose(found_base @ T @ found_tool, T_wanted, rtol=0, atol=1e-9)
+
+
 def test_only_angles_that_both_have_seen_are_compared():
     one, other = campaign(1), campaign(2)
     n = one.arm.n
@@ -112,11 +166,27 @@ def test_only_angles_that_both_have_seen_are_compared():
     assert apart.line.endswith(
         "no common angles of joint 6; those of joint 6 are whole turns apart"
     )
+    no_limits = [without_limits(model, 5) for model in (one, other)]
+    seen_far = replace(turned, intervals=(*turned.intervals[:5], np.array([[8.0, 10.0]])))
+    far = [replace(model, seen=seen_far) for model in no_limits]
+    assert pa10cal.compare(*far).agree
+    far = [replace(model, seen=seen_far) for model in (one, other)]
+    assert pa10cal.compare(*far).line.endswith(
+        "judged: no position of joint 6 that both know is within the limits of both arms"
+    )
     # An effect far off outside what it holds for is of no account there.
     away = shifted(other, delta_theta_2=0.1)
     fallen = replace(other, falls_back=FallBack(seen(-0.5, 0.5), away))
     assert pa10cal.compare(one, fallen).agree
     assert pa10cal.compare(one, replace(other, seen=None)).agree
+
+
+def without_limits(model, joint):
+    """Return a model of an arm that does not state the limits of a joint, from 0."""
+    limits_rad = model.arm.limits_rad.copy()
+    limits_rad[joint] = [-np.inf, np.inf]
+    chain = replace(model.model.chain, arm=replace(model.arm, limits_rad=limits_rad))
+    return replace(model, model=replace(model.model, chain=chain))
 
 
 def of_rows(rows, seed=None):
@@ -158,6 +228,13 @@ def test_postures_are_within_the_limits_of_both_arms():
     arm = replace(model.arm, limits_rad=np.full((2, 2), [-np.inf, np.inf]))
     free = replace(model, model=replace(model.model, chain=replace(model.model.chain, arm=arm)))
     assert slides(free, free) == [[-1.0, 1.0]]
+    ends = [np.array([[low, low + 1.0]]) for low in (0.0, 2.0)]
+    on_rails = [
+        replace(free, seen=AngleCoverage((span, np.array([[-1.0, 1.0]])), (False,) * 2))
+        for span in ends
+    ]
+    line = pa10cal.compare(*on_rails).line
+    assert line.endswith("they have seen no common positions of joint 1")
     visited = (np.array([[0.0, 9.0]]), np.array([[-1.0, 1.0]]))
     on_rail = replace(free, seen=AngleCoverage(visited, (False,) * 2))
     assert slides(free, on_rail) == [[0.0, 9.0]]

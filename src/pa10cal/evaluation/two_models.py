@@ -17,14 +17,14 @@ from scipy.spatial.transform import Rotation
 from scipy.special import chdtrc
 
 from pa10cal.arm.statics import Payload
-from pa10cal.arrays import Array, rms
+from pa10cal.arrays import Array, homogeneous, nearest_rotation, rms
 from pa10cal.evaluation.parameter_differences import refuse_other_layout
 from pa10cal.evaluation.what_moved import NOTHING_OF_ARM, what_moved
 from pa10cal.fit.fitted import FLANGE, TOOL_FRAME, Fitted, predicting_model
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.forward import Forward, states_at
 from pa10cal.fit.plain_arm import arm_to_plain
-from pa10cal.fit.validity import overlaps
+from pa10cal.fit.validity import AngleCoverage, overlaps
 from pa10cal.frame.point_fits import cross_matrix
 from pa10cal.results import comparison as results
 from pa10cal.results.calibration import UNRESERVED
@@ -38,8 +38,10 @@ _AS_IN_FILE = ("coupling", "controller")
 POSTURES, SEED = 400, 1
 #: Whole turns that are tried between angles that two models have seen, at most (computing).
 _MOST_TURNS = 4
-#: Steps of the fit of base and tool (computing).
-_GAUSS_NEWTON_STEPS = 6
+#: Steps of the fit of base and tool, at most, and the largest that ends it [m, rad] (computing).
+_GAUSS_NEWTON_STEPS, _SMALL_STEP = 30, 1e-12
+#: Weight of no rotation of the base where poses leave its rotation open (computing).
+_NO_ROTATION = 1e-9
 
 
 def compare_models(
@@ -55,7 +57,7 @@ def compare_models(
     predicting = predicting_model(first), predicting_model(second)
     common = _common_intervals(*predicting)
     q = _postures(common)
-    # Postures alternate between no load and the heaviest that both models have been fitted to.
+    # Postures alternate between no load and the heaviest at which no model extrapolates.
     heaviest = [max(m.fitted_to.loads_N, default=0.0) for m in (first, second) if m.fitted_to]
     common_load_N = min(heaviest) if len(heaviest) == 2 else 0.0
     loads_N = (0.0, common_load_N) if common_load_N > 0.0 else (0.0,)
@@ -65,7 +67,7 @@ def compare_models(
     if frames:
         agree, line = _judged(frames[FLANGE], predicting, names)
     else:
-        agree, line = None, _no_common_angles(common, *predicting)
+        agree, line = None, _no_common_positions(common, *predicting)
     found = what_moved(first, second)
     if agree and found is not None and found.same_readings:
         line += "; both rest on the same readings, so that they may differ by less than is expected"
@@ -190,15 +192,24 @@ def _estimates(model: FittedModel) -> dict[tuple[str, str, str, str], _Estimate]
     }
 
 
-def _no_common_angles(common: Sequence[Array], first: Fitted, second: Fitted) -> str:
+def _no_common_positions(common: Sequence[Array], first: Fitted, second: Fitted) -> str:
     """Return why two models cannot be judged that have no common positions of some joints."""
     without = [joint for joint, intervals in enumerate(common) if not len(intervals)]
-    apart = [joint for joint in without if _whole_turns_apart(first, second, joint)]
-    line = (
-        "whether the models agree cannot be judged: they have seen no common angles of "
-        f"{_joints(without)}"
-    )
-    return f"{line}; those of {_joints(apart)} are whole turns apart" if apart else line
+    beyond_limits = [joint for joint in without if len(_known_to_both(first, second, joint))]
+    not_seen = [joint for joint in without if joint not in beyond_limits]
+    turned = [joint for joint in not_seen if _whole_turns_apart(first, second, joint)]
+    positions = "positions" if any(first.arm.prismatic[not_seen]) else "angles"
+    because = []
+    if not_seen:
+        because.append(f"they have seen no common {positions} of {_joints(not_seen)}")
+    if turned:
+        because.append(f"those of {_joints(turned)} are whole turns apart")
+    if beyond_limits:
+        because.append(
+            f"no position of {_joints(beyond_limits)} that both know is within the limits of both "
+            "arms"
+        )
+    return f"whether the models agree cannot be judged: {'; '.join(because)}"
 
 
 def _joints(joints: Sequence[int]) -> str:
@@ -256,25 +267,47 @@ def _common_intervals(first: Fitted, second: Fitted) -> list[Array]:
     """Return for each joint the intervals (m, 2) of positions at which both models are valid.
 
     They are within the limits of both arms. Where the file of a model lacks the limits of a joint,
-    they are taken to be a turn to either side; of a joint that slides, what the poses visited, or a
-    metre to either side, of zero or of the limit that there is.
+    they are taken to be a turn to either side, or what was seen of it if that is more; of a joint
+    that slides, what the poses visited, or a metre to either side, of zero or of the limit that
+    there is.
     """
-    slides = first.arm.prismatic
-    unlimited = np.where(slides, np.inf, 2.0 * np.pi)[:, None] * [-1.0, 1.0]
-    ranges = [
-        np.where(np.isfinite(arm.joint_ranges_rad), arm.joint_ranges_rad, unlimited)
-        for arm in (first.arm, second.arm)
-    ]
     common = []
-    for joint, (one, other) in enumerate(zip(*ranges, strict=True)):
-        low, high = max(one[0], other[0]), min(one[1], other[1])
-        intervals = overlaps(one[None], other[None])
-        for model in (first, second):
-            for coverage in (model.seen, model.falls_back.within if model.falls_back else None):
-                if coverage is not None:
-                    intervals = overlaps(intervals, coverage.intervals_within(joint, low, high))
-        common.append(_with_ends(intervals))
+    for joint in range(first.arm.n):
+        unlimited = _without_limits(first, second, joint)
+        ranges = [arm.joint_ranges_rad[joint] for arm in (first.arm, second.arm)]
+        one, other = (np.where(np.isfinite(each), each, unlimited) for each in ranges)
+        within = overlaps(one[None], other[None])
+        known = [_known_to_both(first, second, joint, low, high) for low, high in within]
+        common.append(_with_ends(np.concatenate([np.zeros((0, 2)), *known])))
     return common
+
+
+def _without_limits(first: Fitted, second: Fitted, joint: int) -> Array:
+    """Return the lowest and highest position (2,) of a joint, from 0, that has no limits."""
+    if first.arm.prismatic[joint]:
+        return np.array([-np.inf, np.inf])
+    seen = [each.intervals[joint].ravel() for each in _coverages(first, second)]
+    positions = np.concatenate([[-2.0 * np.pi, 2.0 * np.pi], *seen])
+    return np.array([positions.min(), positions.max()])
+
+
+def _known_to_both(
+    first: Fitted, second: Fitted, joint: int, low: float = -np.inf, high: float = np.inf
+) -> Array:
+    """Return the intervals (m, 2) of a joint, from 0, at which both models hold, in a range."""
+    if not first.arm.prismatic[joint] and not np.isfinite([low, high]).all():
+        # Angles modulo a turn are repeated turn by turn, as often as there are.
+        low, high = 2.0 * np.pi * _MOST_TURNS * np.array([-1.0, 1.0])
+    intervals = np.array([[low, high]])
+    for coverage in _coverages(first, second):
+        intervals = overlaps(intervals, coverage.intervals_within(joint, low, high))
+    return intervals
+
+
+def _coverages(first: Fitted, second: Fitted) -> list[AngleCoverage]:
+    """Return where two models hold: by what they have seen, and where they do not fall back."""
+    within = [model.falls_back.within for model in (first, second) if model.falls_back]
+    return [*(model.seen for model in (first, second) if model.seen is not None), *within]
 
 
 def _with_ends(intervals: Array) -> Array:
@@ -343,13 +376,16 @@ def _compared_frame(
     T_one, modes_one = _predicted(first, frame, q, load_N, temperature_C)
     T_other, modes_other = _predicted(second, frame, q, load_N, temperature_C)
     apart_mm, apart_deg = _apart(T_one, T_other)
-    T_moved = _moved_onto(T_other, T_one)
+    T_base, T_tool = _moved_onto(T_other, T_one)
+    T_moved = T_base @ T_other @ T_tool
     remaining_mm, remaining_deg = _apart(T_one, T_moved)
     base_and_tool_mm, _ = _apart(T_moved, T_other)
     expected_mm = expected_deg = chance = None
     if modes_one is not None and modes_other is not None:
-        modes = np.concatenate([modes_one, modes_other], axis=2)
-        of_positions, of_rotations = _without_base_and_tool(modes, T_one)
+        modes_moved = _modes_moved(modes_other, T_other, T_base, T_tool)
+        of_each = [_without_base_and_tool(modes_one, T_one)]
+        of_each += [_without_base_and_tool(modes_moved, T_moved)]
+        of_positions, of_rotations = map(np.hstack, zip(*of_each, strict=True))
         expected_m, chance_m = _expected(of_positions, 1e-3 * remaining_mm)
         expected_rad, chance_rad = _expected(of_rotations, np.radians(remaining_deg))
         expected_mm, expected_deg = 1e3 * expected_m, float(np.degrees(expected_rad))
@@ -376,22 +412,56 @@ def _apart(T: Array, T_other: Array) -> tuple[Array, Array]:
     return 1e3 * distance, np.degrees(turn.magnitude())
 
 
-def _moved_onto(T: Array, T_wanted: Array) -> Array:
-    """Return poses moved to others by one motion of the base and one of the tool, least squares.
+def _moved_onto(T: Array, T_wanted: Array) -> tuple[Array, Array]:
+    """Return the motions of base and tool (4, 4) that move poses onto others, least squares.
 
-    Positions determine the base and the tool's offset, then orientations the tool's rotation.
+    The poses moved are the first @ `T` @ the second. Positions determine the base and the tool's
+    offset, then orientations the tool's rotation.
     """
+    base, tool = _base_alone(T, T_wanted), np.eye(4)
     for _ in range(_GAUSS_NEWTON_STEPS):
-        step, *_ = np.linalg.lstsq(_by_base_and_tool(T), (T_wanted - T)[:, :3, 3].ravel())
-        base, offset = np.eye(4), np.eye(4)
-        base[:3, :3] = Rotation.from_rotvec(step[3:6]).as_matrix()
-        base[:3, 3], offset[:3, 3] = step[:3], step[6:]
-        T = base @ T @ offset
-    turn = np.eye(4)
-    missing = np.swapaxes(T[:, :3, :3], 1, 2) @ T_wanted[:, :3, :3]
-    turn[:3, :3] = Rotation.from_matrix(missing).mean().as_matrix()
-    moved: Array = T @ turn
-    return moved
+        moved = base @ T @ tool
+        missing_m = (T_wanted - moved)[:, :3, 3].ravel()
+        step: Array = np.linalg.lstsq(_by_base_and_tool(moved), missing_m)[0].astype(float)
+        rotation = Rotation.from_rotvec(step[3:6]).as_matrix()
+        base = homogeneous(rotation, step[:3]) @ base
+        tool = tool @ homogeneous(np.eye(3), step[6:])
+        if np.abs(step).max() < _SMALL_STEP:
+            break
+    moved = base @ T
+    missing = Rotation.from_matrix(np.swapaxes(moved[:, :3, :3], 1, 2) @ T_wanted[:, :3, :3])
+    return base, tool @ homogeneous(missing.mean().as_matrix(), np.zeros(3))
+
+
+def _base_alone(T: Array, T_wanted: Array) -> Array:
+    """Return the motion of the base (4, 4) from which steps lead poses onto others.
+
+    It turns positions, and the axes of rotations from the first pose, onto those wanted (Kabsch).
+    A tool elsewhere in the hand makes that inexact, not far off.
+    """
+    p_m, p_wanted_m = T[:, :3, 3], T_wanted[:, :3, 3]
+    middle_m, middle_wanted_m = p_m.mean(axis=0), p_wanted_m.mean(axis=0)
+    products = (p_wanted_m - middle_wanted_m).T @ (p_m - middle_m)
+    products += _axes_from_first(T_wanted).T @ _axes_from_first(T)
+    rotation = nearest_rotation(products + _NO_ROTATION * np.eye(3))
+    return homogeneous(rotation, middle_wanted_m - rotation @ middle_m)
+
+
+def _axes_from_first(T: Array) -> Array:
+    """Return the axes of rotations from the first pose to P poses, (P, 3), times twice the sine."""
+    R = T[:, :3, :3]
+    return np.asarray(np.cross(R[:1], R, axis=1).sum(axis=2))
+
+
+def _modes_moved(modes: Array, T: Array, T_base: Array, T_tool: Array) -> Array:
+    """Return error modes (P, 6, k) of poses T moved with base and tool, as `_moved_onto` has them.
+
+    The frame's origin is elsewhere on the tool, and all is seen along the axes of another base.
+    """
+    lever_m = T[:, :3, :3] @ T_tool[:3, 3]
+    velocities, rotations = modes[:, :3], modes[:, 3:]
+    velocities = velocities - cross_matrix(lever_m) @ rotations
+    return np.concatenate([T_base[:3, :3] @ velocities, T_base[:3, :3] @ rotations], axis=1)
 
 
 def _by_base_and_tool(T: Array) -> Array:
