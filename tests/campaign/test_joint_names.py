@@ -6,9 +6,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from pa10cal.campaign.column_names import WORDS
 from pa10cal.campaign.file_roles import roles_of_file
 from pa10cal.campaign.joint_names import aliases_by_text, named_joints
-from pa10cal.campaign.recognise import WORDS, roles_of
+from pa10cal.campaign.recognise import roles_of
 from pa10cal.campaign.sniffing import sniff
 
 J = [f"J{j}" for j in range(1, 7)]

@@ -10,7 +10,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from pa10cal.campaign.recognise import unit_of
+from pa10cal.campaign.column_names import unit_of
 
 #: Units by their size in the contract's unit: mm, degrees, N m, seconds, N, degrees Celsius.
 LENGTHS = {"mm": 1.0, "cm": 10.0, "m": 1e3, "um": 1e-3, "in": 25.4}

@@ -25,9 +25,9 @@ from pydantic import AfterValidator, Field, StringConstraints
 
 from pa10cal.arrays import Array
 from pa10cal.campaign.column_map import CONTRACT_COLUMNS, ColumnMap
+from pa10cal.campaign.column_names import mistaken_encoding
 from pa10cal.campaign.formats import BY_NAME, table_lines
 from pa10cal.campaign.raw_rows import TEXT, RawRows, quarantined
-from pa10cal.campaign.recognise import mistaken_encoding
 from pa10cal.campaign.text_lines import TextLine
 from pa10cal.errors import RawDataError
 from pa10cal.files.table_cells import from_csv_cell

@@ -8,19 +8,11 @@ from dataclasses import replace
 import numpy as np
 
 from pa10cal.arrays import Array
+from pa10cal.campaign.column_names import apart_by_letters, has_word, is_of, words_of_name
 from pa10cal.campaign.csv_rows import CONTRACT, is_repeated
 from pa10cal.campaign.joint_names import aliases_by_text, named_joints
 from pa10cal.campaign.matrices import quaternion_columns, rotation_columns, with_matrix
-from pa10cal.campaign.recognise import (
-    Roles,
-    apart_by_letters,
-    attitude_of,
-    has_word,
-    roles_of,
-    standing,
-    with_polar,
-    words_of_name,
-)
+from pa10cal.campaign.recognise import Roles, attitude_of, roles_of, standing, with_polar
 from pa10cal.campaign.sniffing import Sniffed
 from pa10cal.errors import RawDataError
 
@@ -149,8 +141,8 @@ def _may_be_of_joint(name: str, *, torques: bool) -> bool:
     """Return whether a column may hold positions, or torques, of a joint: not their uncertainty."""
     words = words_of_name(name)
     uncertain = len(words) > 1 and has_word(words[:1], "uncertain")
-    excluded = uncertain or has_word(words, "deviation", "no position")
-    return not excluded and has_word(words, "torque") == torques
+    excluded = uncertain or is_of(name, "deviation", "extreme", "no position")
+    return not excluded and is_of(name, "torque") == torques
 
 
 def orientation_not_read(sniffed: Sniffed, roles: Roles) -> tuple[str, ...]:

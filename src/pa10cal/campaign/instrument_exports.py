@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from itertools import chain, pairwise
 from typing import NamedTuple
 
-from pa10cal.campaign.recognise import canonical_unit
+from pa10cal.campaign.column_names import canonical_unit
 from pa10cal.campaign.text_lines import TextLine, comma_fields, table_row
 from pa10cal.errors import RawDataError
 

@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pa10cal.arrays import Array, spread
-from pa10cal.campaign.recognise import Roles, has_word, words_of_name
+from pa10cal.campaign.column_names import has_word, words_of_name
+from pa10cal.campaign.recognise import Roles
 
 #: A matrix R is a rotation if no element of R R' - I is larger.
 _ORTHONORMAL = 2e-3

@@ -13,6 +13,7 @@ from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array
 from pa10cal.campaign.bounds import in_words
+from pa10cal.campaign.column_names import unit_of
 from pa10cal.campaign.description import DESCRIPTION_FILE, SCHEMA, CampaignDescription
 from pa10cal.campaign.file_roles import follows_contract, refuse_unrecognised, roles_of_file
 from pa10cal.campaign.headerless import (
@@ -27,7 +28,7 @@ from pa10cal.campaign.headerless import (
 from pa10cal.campaign.joint_positions import in_radians, position_columns
 from pa10cal.campaign.own_columns import FileColumns
 from pa10cal.campaign.proposed_columns import ProposedColumns
-from pa10cal.campaign.recognise import Roles, unit_of
+from pa10cal.campaign.recognise import Roles
 from pa10cal.campaign.row_targets import labels_without_targets, named_in_other_log
 from pa10cal.campaign.sniffing import Sniffed, rows_at
 from pa10cal.campaign.two_logs import LABELS, TwoLogs, shared_labels

@@ -23,6 +23,7 @@ from pa10cal.campaign.column_map import (
     TIMES,
     TORQUES,
 )
+from pa10cal.campaign.column_names import WORDS, coverage_of, plain, unit_of
 from pa10cal.campaign.conventions import (
     FOUR,
     THREE,
@@ -41,16 +42,7 @@ from pa10cal.campaign.joint_positions import (
 )
 from pa10cal.campaign.own_columns import RotationColumns
 from pa10cal.campaign.raw_file import quaternions
-from pa10cal.campaign.recognise import (
-    WORDS,
-    Roles,
-    beyond,
-    coverage_of,
-    from_horizon,
-    plain,
-    standing,
-    unit_of,
-)
+from pa10cal.campaign.recognise import Roles, beyond, from_horizon, standing
 from pa10cal.campaign.row_targets import (
     target_column,
     target_columns_not_used,

@@ -4,93 +4,32 @@ from __future__ import annotations
 
 import itertools
 import re
-import unicodedata
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
-from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.errors import RawDataError
-from pa10cal.yaml_file import read_yaml
+from pa10cal.campaign.column_map import LENGTHS
+from pa10cal.campaign.column_names import (
+    MOST_LETTERS,
+    VOCABULARY,
+    WORDS,
+    canonical_unit,
+    has_part_of,
+    has_word,
+    is_of,
+    plain,
+    said_by_unit,
+    split_unit,
+    stated_coverage,
+    unit_of,
+    without_coverage,
+    words_of_name,
+)
 
-#: Words of units and of names, by their meaning; see the file.
-WORDS = read_yaml(Path(__file__).with_name("words.yaml"), RawDataError, what="it cannot be read")
-_SPELLED: dict[str, str] = {
-    spelled: unit for unit, words in WORDS["units"].items() for spelled in words.split()
-}
-#: Longer names have no unit, and longer words are no dates: regular expressions would take long.
-MOST_LETTERS = 200
-_BRACKETED = re.compile(r"^(?P<bare>.*?)\s*[\[({<]\s*(?P<unit>[^\[\](){}<>]{1,14}?)\s*[\])}>]\s*$")
-_APART = re.compile(r"^(?P<bare>.+?)(?:\s+in\s+|[\s_/,;:-]+)(?P<unit>[^\s_/,;:-]{1,12})$")
-_SIGN = re.compile(r"^(?P<bare>.*?)\s*(?P<unit>°[CF]?)$")
-
-
-def canonical_unit(text: str) -> str:
-    """Return the unit as campaign.yaml writes it for a unit as files write it; empty for none."""
-    bare = plain(text).replace(" ", "")
-    return _SPELLED.get(bare, "")
-
-
-def unit_alone(field: str) -> str:
-    """Return a unit that stands alone in a field, without its brackets."""
-    return field.strip(" \t[](){}<>/")
-
-
-def split_unit(name: str) -> tuple[str, str]:
-    """Return a column's name without its unit, and the unit; empty where there is none."""
-    if len(name) > MOST_LETTERS:
-        return name.strip(), ""
-    for like in (_BRACKETED, _SIGN, _APART):
-        found = like.match(name.strip())
-        if found is not None and (unit := canonical_unit(found["unit"])):
-            return found["bare"].strip(" _/,;:-"), unit
-    return name.strip(), ""
-
-
-def unit_of(name: str) -> str:
-    """Return the unit that stands in a name; empty where there is none."""
-    return split_unit(name)[1]
-
-
-def apart_by_letters(names: Sequence[str]) -> tuple[str, ...]:
-    """Return names in which a letter that tells columns apart is read as no unit.
-
-    tcp_C beside tcp_A and tcp_B becomes tcp_C_; of the letters of two others at least none is one.
-    """
-    others: dict[str, int] = {}
-    for name in names:
-        if name[-1:].isalpha() and not name[-2:-1].isalnum() and not canonical_unit(name[-1]):
-            others[name[:-1]] = others.get(name[:-1], 0) + 1
-    marked = [
-        f"{name}_" if others.get(name[:-1], 0) >= 2 and canonical_unit(name[-1]) else name
-        for name in names
-    ]
-    return tuple(m if m not in names else name for m, name in zip(marked, names, strict=True))
-
-
-# Words of names, in small letters without accents.
-
-_GREEK = {
-    **{"α": "alpha", "β": "beta", "γ": "gamma", "θ": "theta", "φ": "phi", "ϕ": "phi"},
-    **{"ψ": "psi", "ω": "omega", "τ": "tau"},
-}
-_VOCABULARY = {
-    kind: frozenset(words.split()) for kind, words in (WORDS["words"] | WORDS["single"]).items()
-}
 _ORIENTATIONS = [(tuple(endings.split()), word) for endings, word in WORDS["orientations"]]
-#: Kinds of words that a number may follow without a sign, as in tau1.
-_NUMBERED_KINDS = ("torque", "no position", "deviation")
-#: The same of words of two letters and more, as in rot1: R1 is a reflector.
-_TURNED_KINDS = (
-    *("rotation", "vector", "quaternion", "rotation vector", "translation", "orientation"),
-)
-#: Vectors of a camera's pose, in one word or two: rvec, r_vec, rotation vector; tvecs.
-_VECTOR = re.compile(
-    r"(?<![a-z\d])([rt])(?:ot(?:ation)?|rans(?:lation)?)?[\s_.-]*vec(?:tor)?s?(?![a-z])"
-)
 #: Words directly before or after x, y, z, as in `tcpx`.
 _BEFORE_AXIS = "p|t|pos|tcp|trans|tvec|coord|meas|act|ist"
 _AFTER_AXIS = "pos|ist|act|actual|mess|meas|measured|coord|koord|soll|nom|cmd"
@@ -103,46 +42,17 @@ _NUMBERED_WORD = re.compile(r"^([a-z]{2,})(\d+)$")
 MOST_BEYOND = 2
 #: Targets that move by less than this part of the largest motion are at rest.
 _STILL = 0.02
-#: Of names: that an uncertainty is expanded, and by which factor; 2 where it does not say.
-_EXPANDED = re.compile(
-    r"\bu\W*(?:95|0\.95)\b\W*|\b95\s*%|\bk\s*=\s*(?P<k>\d(?:\.\d+)?)|(?P<sigmas>[23])\s*-?sigma\b"
-    r"|\b(?:expanded|erweiterte|elargie|expandida)\b"
-)
+#: A short unit in brackets that is none we know, as in J1 [A].
+_OTHER_UNIT = re.compile(r"[\[(]\s*[a-z%]{1,2}\s*[\])]$")
+#: An uncertainty and its column in one word, as in sx and stdq1.
+_RUN_ON = re.compile(r"(?:s|u|std|sigma)([xyz]|q\d)")
+#: Kinds of words of columns that hold no position of a joint, and no position of a target.
+_NO_JOINT = ("no position", "extreme")
+_NO_PLACE = ("no position", "extreme", "torque", "force")
 #: Other words before the seconds of a stamp.
 _OF_STAMPS = ("header", "tv")
-#: Encodings that are mistaken for each other.
-_ENCODINGS = ("utf-8", "cp1252", "cp850", "mac_roman")
 _ELEVATION = frozenset(WORDS["from horizon"].split())
 _POLAR = {part: frozenset(words.split()) for part, words in WORDS["polar"].items()}
-
-
-def plain(text: str) -> str:
-    """Return a text in lower case without accents; Greek letters and micro signs are spelled."""
-    spelled = "".join(_GREEK.get(letter, letter) for letter in text.lower())
-    spelled = spelled.replace("μ", "u").replace("µ", "u").replace("ß", "ss")
-    apart = unicodedata.normalize("NFKD", spelled)
-    return "".join(letter for letter in apart if not unicodedata.combining(letter))
-
-
-@lru_cache(maxsize=4096)
-def words_of_name(name: str) -> tuple[str, ...]:
-    """Return the words of a name without its unit, parted at signs and camel case."""
-    if len(name) > MOST_LETTERS:
-        return ()
-    bare = re.sub(r"(?<=[a-zäöüéèí])(?=[A-Z])", " ", split_unit(name)[0])
-    return tuple(re.findall(r"[a-z]+\d*|\d+", _VECTOR.sub(r"\1vec", plain(bare))))
-
-
-def has_word(words: Sequence[str], *kinds: str) -> bool:
-    """Return whether one of the words is of one of these kinds of `WORDS`."""
-    bare = [word.rstrip("0123456789") for word in words]
-    turned = [*words, *(word for word in bare if len(word) > 1)]
-    return any(
-        not _VOCABULARY[kind].isdisjoint(
-            bare if kind in _NUMBERED_KINDS else turned if kind in _TURNED_KINDS else words
-        )
-        for kind in kinds
-    )
 
 
 @dataclass(frozen=True)
@@ -183,61 +93,95 @@ def roles_of(
     names: Sequence[str],
     joints: int | None,
     text: Collection[str] = (),
-    turns: tuple[str, ...] = (),
+    named_joints: tuple[str, ...] = (),
 ) -> Roles:
     """Return the roles of columns by their names.
+
+    A name may suit several roles, so the most particular one takes its columns first: u_x is also
+    an x; qx, qy, qz and w are also an x, y and z; x1, y1, z1 are numbered as joints are, and tau1 …
+    tau6 still more so. Single columns are sought by parts of words, among what no other role takes.
 
     Args:
         names: names of the columns.
         joints: number of the arm's joints; None where not known.
         text: columns of text, which may be labels, kinds of rows or times, but not measured.
-        turns: columns of joint positions in order, where they are known by the joints' names.
+        named_joints: columns of joint positions in order, where they are known by joints' names.
     """
-    uncertain, of_whole = _uncertain(names)
-    uncertainties = {*uncertain.values(), *of_whole.values()}
-    certain = [
-        name
-        for name in _without_words(names, "deviation")
-        if name not in (*uncertainties, *text, *turns)
-        and not has_word(words_of_name(name)[:1], "uncertain")
-    ]
-    attitude = attitude_of(_without_words(certain, "no position"))
-    free = [name for name in certain if attitude is None or name not in attitude[0]]
-    positions = positions_of(free)
-    if attitude is not None and not positions:
-        triple = next(_numbered_vectors(free, ("t", "p")), None)
-        positions = {} if triple is None else {"": triple}
-    for label, triple in positions.items():
-        u = of_whole.get("".join(words_of_name(label)), of_whole.get(""))
-        if u is not None and not any(name in uncertain for name in triple):
-            uncertain |= dict.fromkeys(triple, u)
-    taken = {name for triple in positions.values() for name in triple}
-    free = [name for name in free if name not in taken]
-    no_torques = _without_words(free, "torque")
-    still = _without_words(no_torques, "no position")
-    turns = turns or numbered_joints(still, joints)
-    of_torques = [name for name in free if name not in no_torques]
-    torques = numbered_joints(of_torques, joints or len(turns) or None)
+    u = _uncertainties(names)
+    free = _measured(names, (*u.of_column.values(), *u.of_target.values(), *text, *named_joints))
+    attitude = attitude_of(_without(free, "no position", "extreme"))
+    free = _others(free, attitude[0] if attitude else ())
+    positions = _positions_beside(attitude, free)
+    free = _others(free, *positions.values())
+    no_torques = _without(free, "torque")
+    turns = named_joints or numbered_joints(_without(no_torques, *_NO_JOINT), joints)
+    torques = numbered_joints(_others(free, no_torques), joints or len(turns) or None)
     if not turns and joints == 4 and attitude is not None and attitude[1].startswith("quaternion"):
-        # q0 … q3 of an arm with four joints are these, where nothing else is.
-        turns = numbered_joints([*still, *attitude[0]], joints)
+        # q0 … q3 were taken for a quaternion, but no other columns are the joints of this arm.
+        turns = numbered_joints([*_without(no_torques, *_NO_JOINT), *attitude[0]], joints)
         attitude = None if turns else attitude
     free = [name for name in names if name in (*no_torques, *text) and name not in turns]
-    single = _single_columns(free, text)
-    if "distance" in single and "" in of_whole:
-        uncertain.setdefault(single["distance"], of_whole[""])
-    others = {name for key, name in single.items() if key != "time"}
-    times = [name for name in free if has_word(words_of_name(name), "time") and name not in others]
-    parts = next(iter(parts_of_stamps([name for name in free if name not in others])), None)
+    single, times = _single_columns_and_times(free, text)
+    uncertain = _with_uncertain_targets(u, positions, single.get("distance"))
+    return Roles(turns, torques, positions, attitude, uncertain, single, times)
+
+
+def _without(names: Sequence[str], *kinds: str) -> list[str]:
+    """Return the names of which no word and no unit is of these kinds of `WORDS`."""
+    return [name for name in names if not is_of(name, *kinds)]
+
+
+def _others(names: Sequence[str], *taken: Sequence[str]) -> list[str]:
+    """Return the names that are in none of some sequences of columns."""
+    return [name for name in names if not any(name in columns for columns in taken)]
+
+
+def _measured(names: Sequence[str], taken: Sequence[str]) -> list[str]:
+    """Return the names of columns that may be measured: no differences and no uncertainties."""
+    return [
+        name
+        for name in _others(_without(names, "deviation"), taken)
+        if not has_word(words_of_name(name)[:1], "uncertain")
+    ]
+
+
+def _positions_beside(
+    attitude: tuple[tuple[str, ...], str] | None, names: Sequence[str]
+) -> dict[str, tuple[str, ...]]:
+    """Return `positions_of`; beside an orientation t1, t2, t3 are one, too."""
+    positions = positions_of(names)
+    if attitude is not None and not positions:
+        triple = next(_numbered_vectors(names, ("t", "p")), None)
+        return {} if triple is None else {"": triple}
+    return positions
+
+
+def _with_uncertain_targets(
+    u: Uncertainties, positions: Mapping[str, Sequence[str]], distance: str | None
+) -> dict[str, str]:
+    """Return uncertainties by the column that each is of, those of whole targets included."""
+    uncertain = dict(u.of_column)
+    for label, triple in positions.items():
+        of_target = u.of_target.get("".join(words_of_name(label)), u.of_target.get(""))
+        if of_target is not None and not any(name in uncertain for name in triple):
+            uncertain |= dict.fromkeys(triple, of_target)
+    if distance is not None and "" in u.of_target:
+        uncertain.setdefault(distance, u.of_target[""])
+    return uncertain
+
+
+def _single_columns_and_times(
+    names: Sequence[str], text: Collection[str]
+) -> tuple[dict[str, str], tuple[str, ...]]:
+    """Return the columns that stand alone by their keys, and all that may hold a time."""
+    single = _single_columns(names, text)
+    free = _others(names, [name for key, name in single.items() if key != "time"])
+    times = [name for name in free if has_word(words_of_name(name), "time")]
+    parts = next(iter(parts_of_stamps(free)), None)
     if parts is not None and single.get("time", parts[0]) in parts:
         single["time"] = parts[0]
         times = list(dict.fromkeys((*times, *parts)))
-    return Roles(turns, torques, positions, attitude, uncertain, single, tuple(times))
-
-
-def _without_words(names: Sequence[str], *kinds: str) -> list[str]:
-    """Return the names that have no word of these kinds of `WORDS`."""
-    return [name for name in names if not has_word(words_of_name(name), *kinds)]
+    return single, tuple(times)
 
 
 def positions_of(names: Sequence[str]) -> dict[str, tuple[str, ...]]:
@@ -246,18 +190,18 @@ def positions_of(names: Sequence[str]) -> dict[str, tuple[str, ...]]:
     Where there are none, x1, y1, z1, x2, … are places by their numbers. Components of a translation
     may be numbered, too.
     """
-    numbered = _numbered_vectors(names, _VOCABULARY["translation"])
+    numbered = _numbered_vectors(names, VOCABULARY["translation"])
     vectors = {_around_axis(triple[0]).rstrip("0123456789"): triple for triple in numbered}
     return (_triples(names) or _triples(names, numbered=True)) | vectors
 
 
 def _numbered_vectors(names: Sequence[str], words: Collection[str]) -> Iterator[tuple[str, ...]]:
     """Yield three columns that are numbered from 0 or 1 behind one of these words, as in tvec0."""
-    for (before, after), listed in _series(names).items():
-        numbers = sorted(listed)
+    for before, after, by_number in _series(names):
+        numbers = sorted(by_number)
         called = not words_of_name(after) and not {*words_of_name(before)[-1:]}.isdisjoint(words)
         if called and numbers in ([0, 1, 2], [1, 2, 3]):
-            yield tuple(listed[k] for k in numbers)
+            yield tuple(by_number[k] for k in numbers)
 
 
 def _triples(names: Sequence[str], *, numbered: bool = False) -> dict[str, tuple[str, ...]]:
@@ -265,11 +209,19 @@ def _triples(names: Sequence[str], *, numbered: bool = False) -> dict[str, tuple
     positions: dict[str, tuple[str, ...]] = {}
     for some in _measured_first(names):
         for axes, place in _by_axis(some, "xyz", numbered=numbered):
-            if not has_word(place, "rotation", "no position", "torque", "force"):
-                before = _around_axis(axes["x"])
-                label = before if before not in positions else f"{before}{len(positions) + 1}"
+            no_position = has_word(place, "rotation", *_NO_PLACE) or any(
+                said_by_unit(name) in _NO_PLACE for name in axes.values()
+            )
+            if not no_position:
+                label = _unused_label(_around_axis(axes["x"]), positions)
                 positions[label] = tuple(axes.values())
     return positions
+
+
+def _unused_label(label: str, positions: Collection[str]) -> str:
+    """Return a label, with a number where one is called so already: of tcp_x and x_tcp, of x, x."""
+    numbered = (f"{label}{k}" for k in itertools.count(len(positions) + 1))
+    return next(each for each in itertools.chain([label], numbered) if each not in positions)
 
 
 def _single_columns(names: Sequence[str], text: Collection[str]) -> dict[str, str]:
@@ -278,7 +230,7 @@ def _single_columns(names: Sequence[str], text: Collection[str]) -> dict[str, st
     Quantities are named by a word, or by a part of one; of them only a time may be text.
     """
     single: dict[str, str] = {}
-    for key, vocabulary in WORDS["single"].items():
+    for key in WORDS["single"]:
         free = [name for name in names if name not in single.values()]
         if key in ("temperature", "load", "distance"):
             free = [name for name in free if name not in text]
@@ -286,8 +238,7 @@ def _single_columns(names: Sequence[str], text: Collection[str]) -> dict[str, st
         if key == "distance" and "d_mm" in free:  # the name that raw data have for it
             named = ["d_mm"]
         if not named and key in ("time", "temperature", "load", "distance"):
-            part = re.compile("|".join(word for word in vocabulary.split() if len(word) > 3))
-            named = [name for name in free if any(map(part.search, words_of_name(name)))]
+            named = [name for name in free if has_part_of(name, key)]
         if named:
             single[key] = named[0]
     return single
@@ -319,60 +270,124 @@ def _measured_first(names: Sequence[str]) -> tuple[list[str], list[str]]:
     return [name for name in names if name not in commanded], commanded
 
 
+class _Likeness(NamedTuple):
+    """How well a series of columns suits the joints; what comes first decides first."""
+
+    as_many: bool = False  # as the arm has joints, or their number is not known
+    few_more: bool = False  # called joints, and not many more than the arm has
+    measured: bool = False  # and not commanded
+    called_joints: bool = False
+    may_be_positions: bool = False  # by their unit
+    length: int = 0
+
+
 def numbered_joints(names: Sequence[str], joints: int | None) -> tuple[str, ...]:
     """Return columns of joints: numbered ones from 1 (or 0), or ones that are called joints.
 
-    Of a few more columns than joints the first are taken: a gripper or an outer axis follows.
+    Of a few more columns than joints the first are taken: a gripper or an outer axis follows. Of
+    several series that suit alike, the first in the file counts.
     """
-    best: tuple[tuple[bool, bool, bool, bool, int], tuple[str, ...]] = ((False,) * 4 + (0,), ())
-    for around, listed in _series(names).items():
-        numbers = itertools.count(0 if 0 in listed else 1)
-        run = [listed[k] for k in itertools.takewhile(listed.__contains__, numbers)]
-        around_words = re.findall(r"[a-z]+", " ".join(around))
-        a_joint = has_word(around_words, "joint")
-        fits = joints is None or len(run) == joints
-        more = joints is not None and a_joint and 0 <= len(run) - joints <= MOST_BEYOND
-        score = (fits, more, not has_word(around_words, "commanded"), a_joint, len(run))
-        if score > best[0] and around_words and (a_joint or joints is not None):
-            best = score, tuple(run[:joints] if more else run)
-    (fits, more, *_), numbered = best
+    best, numbered = _Likeness(), tuple[str, ...]()
+    for series in _series(names):
+        run = series.run
+        suits = _Likeness(
+            as_many=joints is None or len(run) == joints,
+            few_more=joints is not None
+            and series.called_joints
+            and 0 <= len(run) - joints <= MOST_BEYOND,
+            measured=not has_word(series.words, "commanded"),
+            called_joints=series.called_joints,
+            may_be_positions=not _OTHER_UNIT.search(series.after),
+            length=len(run),
+        )
+        may_be_joints = series.called_joints or (bool(series.words) and joints is not None)
+        if may_be_joints and suits > best:
+            best, numbered = suits, tuple(run[:joints] if suits.few_more else run)
     called = tuple(name for name in names if has_word(words_of_name(name), "called joint"))
-    if (joints is None or len(called) == joints) and len(called) > len(numbered) * fits:
+    more_called = len(called) > len(numbered) or not best.as_many
+    if called and more_called and (joints is None or len(called) == joints):
         return called if len(called) >= 2 else ()
-    return numbered if len(numbered) >= 2 and (fits or more) else ()
+    return numbered if len(numbered) >= 2 and (best.as_many or best.few_more) else ()
 
 
-def _series(names: Sequence[str]) -> dict[tuple[str, str], dict[int, str]]:
-    """Return names that differ only by a number: by the text around it, then by the number."""
-    series: dict[tuple[str, str], dict[int, str]] = {}
+class _Series(NamedTuple):
+    """Columns whose names differ only by a number."""
+
+    before: str  # the text before the number, and that after it without the unit
+    after: str
+    by_number: dict[int, str]
+
+    @property
+    def run(self) -> list[str]:
+        """Return the columns from the number 1 (or 0) on, up to the first that is missing."""
+        numbers = itertools.count(0 if 0 in self.by_number else 1)
+        there = itertools.takewhile(self.by_number.__contains__, numbers)
+        return [self.by_number[k] for k in there]
+
+    @property
+    def words(self) -> list[str]:
+        """Return the words around the number."""
+        return re.findall(r"[a-z]+", f"{self.before} {self.after}")
+
+    @property
+    def called_joints(self) -> bool:
+        return has_word(self.words, "joint")
+
+
+def _series(names: Sequence[str]) -> list[_Series]:
+    """Return the series of columns; J1 … [deg], J1 … [rad] and J1 … [Nm] are three."""
+    columns: dict[tuple[str, str, str], dict[int, list[str]]] = {}
     for name in names:
-        bare = plain(split_unit(name)[0])
+        bare, said = plain(split_unit(name)[0]), said_by_unit(name)
         for found in re.finditer(r"\d+", bare):
-            around = (bare[: found.start()], bare[found.end() :])
-            series.setdefault(around, {})[int(found[0])] = name
-    return series
+            around = (bare[: found.start()], bare[found.end() :], said)
+            columns.setdefault(around, {}).setdefault(int(found[0]), []).append(name)
+    return [
+        _Series(before, after, by_number)
+        for (before, after, _), of_number in columns.items()
+        for by_number in _one_of_each_number(of_number)
+    ]
+
+
+def _one_of_each_number(of_number: Mapping[int, Sequence[str]]) -> Iterator[dict[int, str]]:
+    """Yield sets of columns that have a number once.
+
+    Where one has several columns, those with and without a unit are apart. Then the first of each
+    number are together, whatever their units: an arm may turn and slide.
+    """
+    several = any(len(alike) > 1 for alike in of_number.values())
+    sets: dict[tuple[bool, int], dict[int, str]] = {}
+    for number, alike in of_number.items():
+        placed = {False: 0, True: 0}
+        for name in alike:
+            has_unit = several and bool(unit_of(name))
+            sets.setdefault((has_unit, placed[has_unit]), {})[number] = name
+            placed[has_unit] += 1
+    yield from sets.values()
 
 
 def numbered_sets(names: Sequence[str], joints: int) -> list[tuple[str, ...]]:
-    """Return every set of `joints` columns that are called joints and numbered from 1 (or 0)."""
-    found = []
-    for around, listed in _series(names).items():
-        first = 0 if 0 in listed else 1
-        run = [listed[k] for k in range(first, first + joints) if k in listed]
-        if len(run) == joints and has_word(re.findall(r"[a-z]+", " ".join(around)), "joint"):
-            found.append(tuple(run))
-    return found
+    """Return every set of `joints` columns that are called joints and numbered from 1 (or 0).
+
+    Of columns that differ by their unit only, the first are one.
+    """
+    found: dict[tuple[str, str], tuple[str, ...]] = {}
+    for series in _series(_without(names, "torque", *_NO_JOINT)):
+        if len(series.run) >= joints and series.called_joints:
+            found.setdefault((series.before, series.after), tuple(series.run[:joints]))
+    return list(found.values())
 
 
 def beyond(names: Sequence[str], joints: Sequence[str]) -> tuple[str, ...]:
     """Return columns that continue the numbers of the joints' columns, as of a gripper."""
     found = []
-    for around, listed in _series(names).items():
-        if not any(around):
+    for series in _series(names):
+        if not series.before and not series.after:
             continue  # columns without names
-        own = [number for number, name in listed.items() if name in joints]
+        listed = sorted(series.by_number.items())
+        own = [number for number, name in listed if name in joints]
         if len(own) == len(joints) >= 2:
-            found += [name for number, name in sorted(listed.items()) if number > max(own)]
+            found += [name for number, name in listed if number > max(own)]
     return tuple(found)
 
 
@@ -380,9 +395,11 @@ def attitude_of(names: Sequence[str]) -> tuple[tuple[str, ...], str] | None:
     """Return the columns of an orientation, measured rather than commanded."""
 
     def quaternion(wxyz: Sequence[str]) -> tuple[tuple[str, ...], str]:
-        """Return the columns in the order of the file, and the convention."""
-        order = tuple(sorted(wxyz, key=names.index))
-        return order, "quaternion_wxyz" if order[0] == wxyz[0] else "quaternion_xyzw"
+        """Return the columns with w first or last, as the file has it, and the convention."""
+        w, *xyz = wxyz
+        if min(wxyz, key=names.index) == w:
+            return (w, *xyz), "quaternion_wxyz"
+        return (*xyz, w), "quaternion_xyzw"
 
     kind = "rotation vector"
     for some in _measured_first(names):
@@ -393,7 +410,7 @@ def attitude_of(names: Sequence[str]) -> tuple[tuple[str, ...], str] | None:
                 for axes, place in _by_axis(some, "xyz")
                 if has_word(place, kind)
             ),
-            *_numbered_vectors(some, _VOCABULARY[kind]),
+            *_numbered_vectors(some, VOCABULARY[kind]),
         ]
         if called:
             return called[0], "rotation_vector"
@@ -482,40 +499,43 @@ def _around_axis(name: str) -> str:
     return "".join(parts)
 
 
-def coverage_of(name: str) -> float:
-    """Return the coverage factor of a column of uncertainties; 1 for standard uncertainties."""
-    found = _EXPANDED.search(plain(name)) if len(name) <= MOST_LETTERS else None
-    if found is None:
-        return 1.0
-    return float(found["k"] or found["sigmas"] or 2.0)
+class Uncertainties(NamedTuple):
+    """Columns of uncertainties."""
+
+    of_column: dict[str, str]  # by the column that each is of
+    # by the words before x, y, z of the target, in lower case; empty for all targets
+    of_target: dict[str, str]
 
 
-def _uncertain(names: Sequence[str]) -> tuple[dict[str, str], dict[str, str]]:
-    """Return columns of uncertainties by the column that each is of, and those of whole targets.
-
-    The latter are by the words before x, y, z of the target, in lower case; empty for all targets.
-    """
-    known = _VOCABULARY["uncertain"]
+def _uncertainties(names: Sequence[str]) -> Uncertainties:
+    """Return the columns of uncertainties, of single columns and of whole targets."""
     called: dict[str, str] = {}
     for name in names:
         called.setdefault("".join(words_of_name(name)), name)
-    uncertain, whole = {}, {}
+    found = Uncertainties({}, {})
     for name in names:
-        expanded = coverage_of(name) != 1.0
-        bare = _EXPANDED.sub(" u ", plain(split_unit(name)[0])) if expanded else name
-        listed = words_of_name(bare)
-        rest = [word for word in listed if word not in known]
-        run_on = re.fullmatch(r"(?:s|u|std|sigma)([xyz]|q\d)", rest[-1]) if rest else None
-        if len(rest) == len(listed) and run_on is None:
+        has_coverage = stated_coverage(name) is not None
+        words = words_of_name(without_coverage(name) if has_coverage else name)
+        others = _words_of_uncertain(words, has_coverage=has_coverage)
+        if others is None:
             continue
-        if run_on is not None and (expanded or len(rest) == len(listed)):
-            rest = [*rest[:-1], run_on[1]]
-        of = called.get("".join(rest))
+        of = called.get(others)
+        is_length = unit_of(name) in LENGTHS and has_word(words, "scatter")
         if of is not None and of != name:
-            uncertain[of] = name
-        elif expanded or not _VOCABULARY["uncertainty"].isdisjoint(listed):
-            whole["".join(rest)] = name
-    return uncertain, whole
+            found.of_column[of] = name
+        elif has_coverage or is_length or has_word(words, "uncertainty"):
+            found.of_target[others] = name
+    return found
+
+
+def _words_of_uncertain(words: Sequence[str], *, has_coverage: bool) -> str | None:
+    """Return what an uncertainty is of, the other words of its name in one; None if it is none."""
+    others = [word for word in words if word not in VOCABULARY["uncertain"]]
+    says_so = len(others) < len(words)
+    run_on = _RUN_ON.fullmatch(others[-1]) if others else None
+    if run_on is not None and (has_coverage or not says_so):
+        others[-1] = run_on[1]
+    return "".join(others) if says_so or run_on is not None else None
 
 
 def standing(positions: Mapping[str, NDArray[np.float64]]) -> list[str]:
@@ -529,28 +549,21 @@ def standing(positions: Mapping[str, NDArray[np.float64]]) -> list[str]:
     return [place for place, size in spread.items() if size < _STILL * most]
 
 
-def mistaken_encoding(name: str, names: Sequence[str]) -> tuple[str, str, str] | None:
-    """Return which of `names` is a name read in a wrong encoding, if any.
-
-    With it come the encoding that was taken to read `name`, and the right one.
-    """
-    for taken in _ENCODINGS:
-        for right in _ENCODINGS:
-            try:
-                other = name.encode(taken).decode(right)
-            except UnicodeError:
-                continue
-            if other != name and other in names:
-                return other, taken, right
-    return None
-
-
 def polar_columns(names: Sequence[str]) -> tuple[str, str, str] | None:
-    """Return the columns of the horizontal angle, the vertical one and the distance, if any."""
+    """Return the columns of the horizontal angle, the vertical one and the distance, if any.
+
+    A horizontal distance is none of these.
+    """
     found: dict[str, str] = {}
+    of_angles, of_distances = _POLAR["horizontal"] | _POLAR["vertical"], _POLAR["distance"]
     for part, words in _POLAR.items():
-        named = [name for name in names if not words.isdisjoint(words_of_name(name))]
-        named = [name for name in named if name not in found.values()]
+        others = of_angles if part == "distance" else of_distances
+        no_part = {word for word in others if len(word) > 1}  # r and s may stand beside an angle
+        named = [
+            name
+            for name in _others(names, tuple(found.values()))
+            if not words.isdisjoint(listed := words_of_name(name)) and no_part.isdisjoint(listed)
+        ]
         if not named:
             return None
         found[part] = named[0]

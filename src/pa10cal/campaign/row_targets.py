@@ -12,9 +12,10 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pa10cal.arrays import Array
+from pa10cal.campaign.column_names import has_word, words_of_name
 from pa10cal.campaign.nominal_fit import placed_by_points
 from pa10cal.campaign.own_columns import without_ending
-from pa10cal.campaign.recognise import Roles, has_word, words_of_name
+from pa10cal.campaign.recognise import Roles
 from pa10cal.campaign.sniffing import Sniffed
 
 #: Targets at most.
