@@ -12,10 +12,11 @@ from made_up_arm import Missing, at_joint, measure
 from made_up_model import fitted_to
 from made_up_poses import context_of
 from pa10cal.discovery import gates, refitted_verdict
+from pa10cal.discovery.credible_amounts import holds_zero
 from pa10cal.discovery.evidence.by_repeats import ByRepeats
 from pa10cal.discovery.gates import gated, reasons_against_none, with_cable_torques
 from pa10cal.discovery.lack_of_fit import pure_error_test
-from pa10cal.discovery.refitted_verdict import holds_zero, unfit, with_findings
+from pa10cal.discovery.refitted_verdict import unfit, with_findings
 from pa10cal.discovery.rules import NAMES
 from pa10cal.files.arms import load_arm
 from pa10cal.terms.effects.effect import candidates
@@ -157,9 +158,12 @@ def test_a_size_that_may_be_plausible_is_a_name(wave):
 def test_a_mount_limits_the_rate_of_a_drift_and_not_its_plausible_size(rate_z_m_h, short, refused):
     drift = BaseDrift.over(np.array([0.0, 360.0 if short else 36000.0]), 10.0)
     x, covariance = np.array([1e-5, 2e-4, rate_z_m_h]), 1e-6**2 * np.eye(3)
-    finding = SimpleNamespace(effect=drift, x=x, covariance=covariance, alternatives=())
+    finding = SimpleNamespace(effect=drift, alternatives=())
     model = SimpleNamespace(
-        values_of=lambda _: x, covariance=None, arm=load_arm("pa10_6ce"), model=None
+        values_of=lambda _: x,
+        covariance=covariance,
+        arm=load_arm("pa10_6ce"),
+        model=SimpleNamespace(columns_of=lambda _: slice(0, 3), u_scale=0.0),
     )
     reasons = [*unfit(finding, model)]
     assert bool(reasons) == refused

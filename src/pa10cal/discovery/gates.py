@@ -14,6 +14,7 @@ import numpy as np
 
 from pa10cal.calibration.grade_evidence import most_stated
 from pa10cal.calibration.rules import GRADES
+from pa10cal.discovery.credible_amounts import holds_zero
 from pa10cal.discovery.field import with_field
 from pa10cal.discovery.finding import Finding, Rival, is_named, name_of
 from pa10cal.discovery.in_time import grows_instead
@@ -23,7 +24,6 @@ from pa10cal.discovery.preparation import Prepared
 from pa10cal.discovery.refitted_verdict import (
     finding_of,
     fitted_instead,
-    holds_zero,
     instead,
     no_name,
     probably_nameless,

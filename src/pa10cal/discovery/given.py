@@ -27,6 +27,7 @@ from pa10cal.discovery.blocked_cv.family import computable_shapes
 from pa10cal.discovery.blocked_cv.other_baselines import with_tilts_shown
 from pa10cal.discovery.blocked_cv.refit import refit
 from pa10cal.discovery.blocked_cv.survey import Survey
+from pa10cal.discovery.credible_amounts import holds_zero
 from pa10cal.discovery.discover import judged_by_blocks
 from pa10cal.discovery.evidence.by_repeats import fit_given
 from pa10cal.discovery.evidence.fit import covariance_of, targets_off_m
@@ -35,7 +36,6 @@ from pa10cal.discovery.finding import effect_parameters, is_named, label_of
 from pa10cal.discovery.model_with_effects import ModelWithEffects, held_unknowns
 from pa10cal.discovery.noise import whitener_of
 from pa10cal.discovery.preparation import MeasurementSetup, Prepared, complete, prepared, setup_of
-from pa10cal.discovery.refitted_verdict import holds_zero
 from pa10cal.discovery.residual_candidates import gear_lines
 from pa10cal.discovery.rules import MAPS
 from pa10cal.errors import CalibrationError, remedy_for

@@ -179,14 +179,8 @@ def test_every_effect_has_decided_its_sign_and_the_gate_holds_it(context):
             for sign in (1.0, -1.0):
                 x = np.concatenate([plausible, np.ones(len(effect.parameters) - effect.linear)])
                 x[k] *= sign
-                amounts = SimpleNamespace(
-                    values_of=lambda _, x=x: x,
-                    arm=ARM,
-                    model=SimpleNamespace(columns_of=lambda _: slice(0, 0)),
-                    covariance=None,
-                )
                 finding = Finding(effect, *_reported(effect, x), (), None)
-                refused = any("not physical" in why for why in unfit(finding, amounts))
+                refused = any("not physical" in why for why in unfit(finding, _amounts(x)))
                 assert refused == (sign < 0.0 and effect.id in ONE_SIGN), (effect.id, k, sign)
 
 
@@ -202,22 +196,18 @@ def test_every_effect_has_decided_its_sign_and_the_gate_holds_it(context):
 )
 def test_arms_grow_as_what_they_are_made_of(context, alpha, std, refused):
     (growth,) = (each for each in candidates(context) if each.id == "thermal_growth")
-    amounts = SimpleNamespace(
-        values_of=lambda _: np.array([alpha]),
-        arm=ARM,
-        model=SimpleNamespace(columns_of=lambda _: slice(0, 0)),
-        covariance=None,
-    )
-    finding = Finding(growth, np.array([alpha]), np.array([[std**2]]), (), None)
+    amounts = _amounts(np.array([alpha]), np.array([[std**2]]))
+    finding = Finding(growth, *_reported(growth, np.array([alpha])), (), None)
     assert any("light metal" in why for why in unfit(finding, amounts)) == refused
 
 
-def _amounts(x):
+def _amounts(x, covariance=None):
+    """Return a model that has these parameters alone."""
     return SimpleNamespace(
         arm=ARM,
         values_of=lambda _: x,
-        model=SimpleNamespace(columns_of=lambda _: slice(0, 0)),
-        covariance=None,
+        model=SimpleNamespace(columns_of=lambda _: slice(0, len(x)), u_scale=0.0),
+        covariance=covariance,
     )
 
 
@@ -227,8 +217,8 @@ def _amounts(x):
 )
 def test_play_is_that_of_gears_and_not_some_times_what_is_usual(context, b, std, refused):
     lost = next(each for each in candidates(context) if each.id == "backlash")
-    finding = Finding(lost, np.array([b]), np.array([[std**2]]), (), None)
-    reasons = list(unfit(finding, _amounts(np.array([b]))))
+    finding = Finding(lost, *_reported(lost, np.array([b])), (), None)
+    reasons = list(unfit(finding, _amounts(np.array([b]), np.array([[std**2]]))))
     assert bool(reasons) == refused
     assert all("1 deg of play" in why for why in reasons)
 
@@ -249,11 +239,10 @@ def test_nothing_gives_way_farther_than_arms_do(
     (effect,) = (e for e in candidates(context) if (e.id, e.of) == (name, of))
     x = effect.starts[-1].copy()
     x[0] = 1e-9
-    x[0] *= part * most_rad / effect.turn_rad(states, x)
-    values = effect.report(x).values
-    covariance = np.diag((std * values) ** 2)
-    finding = Finding(effect, values, covariance, (), None)
-    reasons = [why for why in unfit(finding, _amounts(x), states) if "mrad" in why]
+    x[0] *= part * most_rad / np.abs(effect.rotations(states, x)[0]).max()
+    model = _amounts(x, np.diag((std * x) ** 2))
+    finding = Finding(effect, *_reported(effect, x), (), None)
+    reasons = [why for why in unfit(finding, model, states) if "mrad" in why]
     assert len(reasons) == refused
     assert all(f"more than {1e3 * most_rad:.0f} mrad" in why for why in reasons)
 

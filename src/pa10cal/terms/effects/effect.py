@@ -173,7 +173,7 @@ class Effect(Traits):
     #: A clause that says what to do where it is found and not named.
     advice: ClassVar[str] = ""
 
-    # Which amounts are credible. Asked by `discovery/refitted_verdict`; of the sign also by
+    # Which amounts are credible. Asked by `discovery/credible_amounts`; of the sign also by
     # `discovery/together` and lists of effects.
 
     limits: ClassVar[Limits] = Limits()
@@ -310,10 +310,14 @@ class Effect(Traits):
         """Return its limits in an arm of this reach [m]."""
         return self.limits
 
-    def turn_rad(self, states: PoseStates, x: Array) -> float:
-        """Return the largest rotation that it causes in some poses [rad]."""
+    def rotations(self, states: PoseStates, x: Array) -> tuple[Array, Array]:
+        """Return what it adds to angles in some poses (R,) [rad], and the derivative by x (R, k).
+
+        A row is one angle in one pose.
+        """
         turns = [not name.endswith((".x", ".y", ".z")) for name in self.coordinates]
-        return float(np.abs(self.shift(states, x)[:, turns]).max(initial=0.0))
+        by_x = self.derivative(states, x)[:, turns].reshape(-1, len(x))
+        return self.shift(states, x)[:, turns].ravel(), by_x
 
     @property
     def starts(self) -> tuple[Array, ...]:
