@@ -14,6 +14,7 @@ from made_up_sightings import described
 from made_up_two_logs import JOINTS, PLACE, two_logs
 from pa10cal.campaign.read import read_campaign
 from pa10cal.campaign.table import read_observations, write_pose_table
+from pa10cal.campaign.two_logs import by_label, shared_labels
 from pa10cal.errors import Pa10calError
 
 #: Runs joined by time, and runs shifted by a row; a few of each in the quick suite.
@@ -171,6 +172,30 @@ def test_a_row_that_cannot_be_read_moves_no_other_row(tmp_path, joint_rows, read
     assert reasons.count("the log of the joints has no such row") == len(joint_rows)
 
 
+@pytest.mark.parametrize(("deleted", "lost", "line"), [(15, 21, 17), (3, 20, 5), (30, 12, 32)])
+def test_a_row_that_is_missing_is_not_made_up_for_by_one_that_cannot_be_read(
+    tmp_path, deleted, lost, line
+):
+    """Equally many rows are left of each log, and those between belong to their neighbours."""
+    logs = two_logs(tmp_path, 5, dense=False)
+    logs.readings = logs.readings.drop(columns="Zeitstempel").drop(index=deleted)
+    logs.joints = logs.joints.astype(object)
+    logs.joints.iloc[lost, 1] = "lost"
+    shifted = rf"tracker.csv:{line}: from line {line} on the readings fit the joints of the row"
+    with pytest.raises(Pa10calError, match=shifted):
+        read_with(tmp_path, logs)
+
+
+def test_logs_of_different_numbers_of_rows_are_refused_however_many_can_be_used(tmp_path):
+    """Few rows after the missing one do not show in the nominal arm."""
+    logs = two_logs(tmp_path, 5, dense=False)
+    logs.readings = logs.readings.drop(columns="Zeitstempel").drop(index=39)
+    logs.joints = logs.joints.astype(object)
+    logs.joints.iloc[2, 1] = "lost"
+    with pytest.raises(Pa10calError, match="39 readings and 40 rows of joints"):
+        read_with(tmp_path, logs)
+
+
 def test_a_line_is_excluded_of_the_file_that_is_named(tmp_path):
     logs = two_logs(tmp_path, 5, dense=False)
     exclude = [{"where": "tracker.csv:12", "why": "bumped"}]
@@ -215,10 +240,10 @@ def test_uncertainties_that_the_log_of_joints_states_are_read(tmp_path):
     logs.joints[TORQUES], logs.joints[U], logs.joints[U_TORQUES] = 5.0, 0.004, 0.2
     logs.joints = logs.joints.astype({"uM1": object})
     logs.joints.loc[3, "u2"], logs.joints.loc[4, "uM1"] = 0.0, "?"  # not stated; not a number
-    logs.readings = logs.readings.drop(columns="Zeitstempel").drop(index=4)
+    logs.readings = logs.readings.drop(columns="Zeitstempel")
     joints = {"names": JOINTS, "u": U}
     found = read_with(tmp_path, logs, joints=joints, torques={"names": TORQUES, "u": U_TORQUES})
-    assert found.quarantined[0].value == "uM1 = '?'"
+    assert "uM1 = '?'" in [row.value for row in found.quarantined]
     log = found.observations.log
     expected = np.full((39, 6), np.radians(0.004))
     expected[3, 1] = np.nan
@@ -379,3 +404,53 @@ def test_targets_aimed_at_in_turn_while_the_arm_stands_are_one_configuration(tmp
     np.testing.assert_allclose(found.observations.states.q_rad, logs.q_rad, atol=2e-4)
     assert found.observations.measured.target_names == tuple(at_mm)
     assert np.isfinite(found.observations.measured.places_m).all()
+
+
+def test_labels_that_programs_write_otherwise_are_the_same_numbers():
+    numbers = [*map(str, range(1, 41))]
+    station = by_label(np.array([f"{k}.0" for k in numbers]), np.array(numbers))
+    np.testing.assert_array_equal(station, np.arange(40))
+
+
+@pytest.mark.parametrize(
+    ("joints", "readings", "station"),
+    [
+        (["P[1]", "P[2]", "P[3]", "P[4]", "Home"], ["p1", "p2", "p3", "p4", "Home"], range(5)),
+        (["P1.2", "P12", "P3"], ["p_1_2", "p12", "p3"], range(3)),
+        (["A1", "a1", "B"], ["A1", "a1", "b"], [0, 1, -1]),  # two points, not one
+    ],
+)
+def test_the_spelling_that_proposes_a_column_joins_by_it(joints, readings, station):
+    np.testing.assert_array_equal(by_label(np.array(joints), np.array(readings)), [*station])
+    proposed = shared_labels({"p": joints}, {"q": readings})
+    assert (proposed == ("p", "q")) == (min(station) >= 0)
+
+
+def test_columns_hold_labels_where_half_of_their_rows_have_one_of_their_own():
+    assert shared_labels({"p": [*"ABC"] * 2}, {"q": [*"ABC"]}) == ("p", "q")
+    assert shared_labels({"p": [*"ABC"] * 3}, {"q": [*"ABC"]}) is None
+
+
+def test_rows_without_a_partner_under_their_label_are_told(tmp_path):
+    logs = two_logs(tmp_path, 6, dense=False)
+    names = [f"P{k:03d}" for k in range(len(logs.q_rad))]
+    logs.joints, logs.readings = (
+        table.drop(columns=table.columns[0]).assign(label=names)
+        for table in (logs.joints, logs.readings)
+    )
+    # Of P005 two readings more than rows of joints, of P009 none, and one of no label there.
+    joints, readings = logs.joints, logs.readings
+    again = joints.iloc[[5]].copy()
+    again[JOINTS[0]] += 1e-4
+    logs.joints = pd.concat([joints, again], ignore_index=True)
+    more = readings.iloc[[5, 5, 12]].assign(label=["P005", "P005", "P999"])
+    more[PLACE[0]] += [0.01, 0.02, 0.0]
+    logs.readings = pd.concat([readings.drop(index=9), more], ignore_index=True)
+    found = read_with(tmp_path, logs, {"pose": "label"}, pose="label")
+    reasons = {row.line: row.reason for row in found.quarantined}
+    assert reasons == {
+        42: "the log of the joints has its label several times, and less often than the readings",
+        43: "the log of the joints has no such label",
+    }
+    (note,) = (note for note in found.notes if "joined by label" in note)
+    assert note.endswith("; 1 of 41 rows of controller.csv have no reading")

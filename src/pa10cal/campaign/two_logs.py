@@ -7,7 +7,7 @@ was taken. The arm's stations are the dwells of a log of motion, or every row of
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
@@ -54,6 +54,7 @@ NOT_JOINED = {
     "label": "the log of the joints has no such label",
     "row": "the log of the joints has no such row",
 }
+LESS_OFTEN = "the log of the joints has its label several times, and less often than the readings"
 
 
 def shared_labels(
@@ -61,41 +62,57 @@ def shared_labels(
 ) -> tuple[str, str] | None:
     """Return the columns of text, one of each log, that hold the same labels; None for none.
 
-    Names of columns do not matter. Most labels must occur only once in the joints' log.
+    Names of columns do not matter. The joints' log must have half as many labels as rows at least.
     """
     best, columns = (SHARED_PART, SHARED - 1), None
-    for spelling in (str, _bare):
-        of_joints, of_readings = (
-            {name: set(map(spelling, texts)) - {""} for name, texts in log.items()}
-            for log in (joints, readings)
-        )
-        for (logged, ours), (read, theirs) in product(of_joints.items(), of_readings.items()):
-            fewer = min(len(ours), len(theirs))
-            if len(ours) < 0.5 * len(joints[logged]) or fewer < SHARED:
-                continue
-            shared_count = len(ours & theirs)
-            if (shared_count / fewer, shared_count) > best:
-                best, columns = (shared_count / fewer, shared_count), (logged, read)
+    for spelling in SPELLINGS:
+        for (logged, ours), (read, theirs) in product(joints.items(), readings.items()):
+            shared = _shared(ours, theirs, spelling)
+            if len(set(ours) - {""}) >= 0.5 * len(ours) and shared[1] >= SHARED and shared > best:
+                best, columns = shared, (logged, read)
     return columns
 
 
+def _shared(
+    joints: Sequence[str], readings: Sequence[str], spelling: Callable[[str], str]
+) -> tuple[float, int]:
+    """Return which part of the labels of the shorter column both columns have, and how many.
+
+    Both are 0 where the spelling makes one of different labels in a column.
+    """
+    written = [set(texts) - {""} for texts in (joints, readings)]
+    ours, theirs = ({spelling(label) for label in labels} for labels in written)
+    if [len(ours), len(theirs)] != [*map(len, written)]:
+        return 0.0, 0
+    shared_count = len(ours & theirs)
+    return shared_count / max(min(len(ours), len(theirs)), 1), shared_count
+
+
 def _bare(label: str) -> str:
-    """Return the letters and digits of a label, in lower case."""
-    return re.sub(r"[\W_]+", "", label.casefold())
+    """Return the letters and digits of a label in lower case, numbers in it apart.
+
+    A whole number with decimals, as programs write 1.0 for 1, is that number.
+    """
+    if (whole := re.fullmatch(r"\s*(\d+)[.,]0+\s*", label)) is not None:
+        return whole[1]
+    numbers_apart = re.sub(r"(?<=\d)[\W_]+(?=\d)", ".", label.casefold())
+    return re.sub(r"[^\w.]|_|(?<!\d)\.|\.(?!\d)", "", numbers_apart)
+
+
+#: How labels of two logs are compared: as written, or else by letters and digits.
+SPELLINGS: tuple[Callable[[str], str], ...] = (str, _bare)
 
 
 def by_label(joints: NDArray[np.str_], readings: NDArray[np.str_]) -> Index:
     """Return the row of the joints for each reading by its label, -1 where there is none.
 
     Joints that were logged once under a label belong to all readings under it. Of a label that the
-    joints' log has several times, the k-th reading has the k-th joints. Where the logs share no
-    label as written, case and all signs but letters and digits are ignored.
+    joints' log has several times, the k-th reading has the k-th joints. Labels are compared as
+    written, or by their letters and digits where the logs share more labels so.
     """
-    if not set(joints.tolist()) & set(readings.tolist()):
-        joints = np.array(list(map(_bare, joints.tolist())), str)
-        readings = np.array(list(map(_bare, readings.tolist())), str)
-    logged = pd.DataFrame({"label": joints.astype(str), "row": np.arange(len(joints))})
-    read = pd.DataFrame({"label": readings.astype(str)})
+    ours, theirs = _as_compared(joints, readings)
+    logged = pd.DataFrame({"label": ours, "row": np.arange(len(joints))})
+    read = pd.DataFrame({"label": theirs})
     for table in (logged, read):
         table["number"] = table.groupby("label").cumcount()
     once = logged[~logged["label"].duplicated(keep=False)].set_index("label")["row"]
@@ -104,23 +121,37 @@ def by_label(joints: NDArray[np.str_], readings: NDArray[np.str_]) -> Index:
     return station.fillna(-1).to_numpy(dtype=np.intp)
 
 
-def by_row(joints: RawRows, readings: RawRows) -> Index | None:
+def _as_compared(
+    joints: NDArray[np.str_], readings: NDArray[np.str_]
+) -> tuple[NDArray[np.str_], NDArray[np.str_]]:
+    """Return the labels of both logs in the spelling in which they share most of them."""
+    both = joints.tolist(), readings.tolist()
+    spelling = max(SPELLINGS, key=lambda spelling: _shared(*both, spelling))
+    ours, theirs = (np.array([spelling(label) for label in labels], str) for labels in both)
+    return ours, theirs
+
+
+def by_row(joints: RawRows, readings: RawRows) -> Index:
     """Return the row of the joints for each reading with the same number in its file, -1 for none.
 
-    Rows that were quarantined are counted, too. None where the files have different numbers of
-    rows, or several rows were made one.
+    See `_numbers_in_file`. It means something only where both files have equally many rows.
     """
-    lines = [
-        np.sort([*raw.line.tolist(), *(row.line for row in raw.quarantined)])
-        for raw in (joints, readings)
-    ]
-    totals = [*joints.totals.values(), *readings.totals.values()]
-    if len({*map(len, lines), *totals}) > 1:
-        return None
-    of_joints, of_readings = lines
-    station = np.full(len(of_joints), -1)
-    station[np.searchsorted(of_joints, joints.line)] = np.arange(len(joints))
-    return station[np.searchsorted(of_readings, readings.line)]
+    (ours, our_count), (theirs, their_count) = map(_numbers_in_file, (joints, readings))
+    station = np.full(max(our_count, their_count), -1)
+    station[ours] = np.arange(len(joints))
+    return station[theirs]
+
+
+def _numbers_in_file(raw: RawRows) -> tuple[Index, int]:
+    """Return the number of each row in its file (N,), from 0, and how many there are.
+
+    Rows that were quarantined are counted. Where rows of one target each were made one row a pose,
+    poses are counted.
+    """
+    lines = np.sort([*raw.line.tolist(), *(row.line for row in raw.quarantined)])
+    if len(lines) != sum(raw.totals.values()):
+        return np.arange(len(raw)), len(raw)
+    return np.searchsorted(lines, raw.line), len(lines)
 
 
 def _uncertainties(
@@ -217,30 +248,22 @@ class TwoLogs:
         logged = self._joints_logged(q, together)
         joined = self._joined(read, logged)
         rows = self._with_joints(joined, logged, q, together, optional)
-        # Readings without a station are quarantined below.
-        first = joined.stations.first[np.maximum(joined.station, 0)]
-        rows = _with_labels(rows, labels, logged, first)
-        time_s = rows.columns.get("time_s")
-        if time_s is not None and np.nanmin(time_s, initial=np.inf) >= SINCE_1970:
-            rows = rows.with_columns({"time_s": time_s - np.nanmin(time_s)})
-        whole = replace(
-            rows,
-            totals={**rows.totals, **logged.totals},
-            unused=(*rows.unused, *logged.unused),
-            quarantined=(*rows.quarantined, *logged.quarantined),
-            own=logged.own | rows.own,
-            notes=(joined.note, *rows.notes, *logged.notes),
-            warnings=joined.warnings,
-        )
-        joined_rows = joined.station >= 0
-        whole = whole.take(joined_rows, NOT_JOINED[self._by])
-        columns_of_readings = self.readings.columns
-        if columns_of_readings is None or columns_of_readings.target is None:
-            return whole
-        stand = joined.station[joined_rows]
-        if self._by == "row":  # each row has its own joints
-            stand = same_commands(whole.numbers_of(q), self.campaign.repeat_tolerance_deg)
-        return _one_row_a_stand(whole, stand, self.measured_columns)
+        # Readings at no station have any joints and labels here; they are quarantined below.
+        rows = _with_labels(rows, labels, logged, joined.stations.first[joined.station])
+        rows = _of_both_files(_from_first_time(rows), logged, joined)
+        at_station = joined.station >= 0
+        rows = rows.take(at_station, NOT_JOINED[self._by])
+        return self._one_row_a_stand(rows, joined.station[at_station], q)
+
+    def _one_row_a_stand(self, rows: RawRows, station: Index, q: Sequence[str]) -> RawRows:
+        """Return one row for each stand of the arm where rows are of one target each."""
+        columns = self.readings.columns
+        if columns is None or columns.target is None:
+            return rows
+        stand = station
+        if self._by == "row":  # each row has joints of its own: those of a stand are equal
+            stand = same_commands(rows.numbers_of(q), self.campaign.repeat_tolerance_deg)
+        return _one_row_a_stand(rows, stand, self.measured_columns)
 
     def _labels_by_joints(self, names: Sequence[str]) -> list[str]:
         """Return the labels among names that the joints' log alone has, or that are made.
@@ -268,7 +291,7 @@ class TwoLogs:
         directions of arrival.
         """
         stations, columns = joined.stations, dict(joined.readings.columns)
-        row = np.maximum(joined.station, 0)
+        row = joined.station
         columns |= zip(q, as_logged(stations.q_deg[row], self.arm).T, strict=True)
         further = dict(zip(tau, stations.tau_Nm.T, strict=False))
         further |= _uncertainties(logged, stations, [*q, *tau], self.arm.coupling.own)
@@ -360,38 +383,77 @@ class TwoLogs:
             offset_s = None if self.campaign.join is None else self.campaign.join.clock_offset_s
             files = self.joints.path, self.readings.path
             return join_by_time(TimeJoin(*files, samples, nominal, still_deg_s, offset_s), read)
-        stations = stations_of(samples, len(samples), still_deg_s)
-        count, station = len(read), None
+        stations = stations_of(samples, len(samples), still_deg_s)  # each row of the joints is one
+        note = f"{self.joints.path.name} and {self.readings.path.name} joined by {self._by}"
         if self._by == "label":
-            station = by_label(logged.text_of("pose"), read.text_of("pose"))
-        elif (of_row := by_row(logged, read)) is not None:
-            station = of_row
-        in_order = np.where(np.arange(count) < len(stations), np.arange(count), -1)
-        joined = JoinedReadings(
-            read,
-            in_order if station is None else station,
-            stations,
-            f"{self.joints.path.name} and {self.readings.path.name} joined by {self._by}",
-        )
-        shift = find_shift(nominal.at_stations(read, stations), joined.station)
+            read, station, unused = self._joined_by_label(read, logged)
+            note += unused
+        else:
+            station = by_row(logged, read)
+        shift = find_shift(nominal.at_stations(read, stations), station)
         if shift is not None:
             how = f"as they are joined by {self._by}"
             refuse_shifted(shift, self.readings.path, read.line, how, self.joints.path.name)
-        if station is None and count != len(stations):
-            many, rest = divmod(count, max(len(stations), 1))
-            by_turns = (
-                f"; where each pose has {many} rows of readings, write its joints {many} times, "
-                "with a column that tells the target where they are of several"
-            )
-            raise RawDataError(
-                "the two logs have different numbers of rows, and nothing else joins them",
-                where=str(self.readings.path),
-                value=f"{count} readings and {len(stations)} rows of joints",
-                allowed="one row of joints for each reading, or labels or times in both",
-                remedy="exclude the rows that the other lacks, or map a time or a label"
-                + by_turns * (many > 1 and not rest),
-            )
-        return joined
+        if self._by == "row":
+            self._refuse_other_numbers_of_rows(read, logged)
+        return JoinedReadings(read, station, stations, note)
+
+    def _joined_by_label(self, read: RawRows, logged: RawRows) -> tuple[RawRows, Index, str]:
+        """Return the readings, the row of the joints of each, and what else to note.
+
+        Readings under labels that the joints' log has less often are quarantined for that.
+        """
+        of_joints, of_readings = logged.text_of("pose"), read.text_of("pose")
+        station = by_label(of_joints, of_readings)
+        ours, theirs = _as_compared(of_joints, of_readings)
+        keep = (station >= 0) | ~np.isin(theirs, ours)
+        unused_count = len(logged) - len(set(station[station >= 0].tolist()))
+        unused = (
+            f"; {unused_count} of {len(logged)} rows of {self.joints.path.name} have no reading"
+            if unused_count
+            else ""
+        )
+        return read.take(keep, LESS_OFTEN), station[keep], unused
+
+    def _refuse_other_numbers_of_rows(self, read: RawRows, logged: RawRows) -> None:
+        """Refuse logs that are joined by row and have different numbers of rows."""
+        (_, joint_count), (_, count) = map(_numbers_in_file, (logged, read))
+        if joint_count == count:
+            return
+        many, rest = divmod(count, joint_count)
+        by_turns = (
+            f"; where each pose has {many} rows of readings, write its joints {many} times, "
+            "with a column that tells the target where they are of several"
+        )
+        raise RawDataError(
+            "the two logs have different numbers of rows, and nothing else joins them",
+            where=str(self.readings.path),
+            value=f"{count} readings and {joint_count} rows of joints",
+            allowed="one row of joints for each reading, or labels or times in both",
+            remedy="take out the rows that the other lacks, or map a time or a label"
+            + by_turns * (many > 1 and not rest),
+        )
+
+
+def _from_first_time(rows: RawRows) -> RawRows:
+    """Return rows with times from the first reading where they count from 1970."""
+    time_s = rows.columns.get("time_s")
+    if time_s is None or np.nanmin(time_s, initial=np.inf) < SINCE_1970:
+        return rows
+    return rows.with_columns({"time_s": time_s - np.nanmin(time_s)})
+
+
+def _of_both_files(rows: RawRows, logged: RawRows, joined: JoinedReadings) -> RawRows:
+    """Return readings as the rows of both files: with what is known of the joints' log."""
+    return replace(
+        rows,
+        totals={**rows.totals, **logged.totals},
+        unused=(*rows.unused, *logged.unused),
+        quarantined=(*rows.quarantined, *logged.quarantined),
+        own=logged.own | rows.own,
+        notes=(joined.note, *rows.notes, *logged.notes),
+        warnings=joined.warnings,
+    )
 
 
 def _one_row_a_stand(rows: RawRows, stand: Index, measured: RawColumns) -> RawRows:
