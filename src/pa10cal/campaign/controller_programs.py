@@ -1,7 +1,8 @@
 """Points in the programs of controllers as tables of joint positions: KUKA, FANUC, ABB, Yaskawa.
 
 Each reader takes the lines of a file and yields those of a table: labels, and joint positions as
-the controller has them. Points that hold a pose of the tool are only counted.
+the controller has them. Points that hold a pose of the tool are counted in a note, and so is all
+that looks like a point and is not read, with its first line.
 """
 
 from __future__ import annotations
@@ -14,68 +15,109 @@ from pa10cal.campaign.text_lines import TextLine, table_row
 from pa10cal.errors import RawDataError
 
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
-#: What to do where a program holds poses of the tool alone.
-_LOG_JOINTS = (
-    "export the joint positions: teach the points anew as joint positions, or log where the arm "
-    "stood at each of them"
-)
 
 
 @dataclass(frozen=True)
 class _Point:
-    """A point of a program."""
+    """A point of a program with joint positions."""
 
     line: int  # its first line
     labels: tuple[str, ...]  # its name, and its comment in formats that have one
-    axes: dict[str, str]  # positions by the name of the axis; empty for a pose of the tool
+    axes: dict[str, str]  # positions by the name of the axis
     whole: bool = True  # False if the file ends within it
 
 
-def _table(
-    points: Sequence[_Point], axis: str, cut: TextLine | None, where: str, notes: list[str]
-) -> Iterator[TextLine]:
-    """Yield a table of points, without external axes that are 0 in all of them.
+@dataclass
+class _Points:
+    """What a program holds."""
 
-    `axis` is an example in messages; `cut` is the last line of a program whose end is missing.
-    """
-    placed = [point for point in points if point.axes]
-    if not placed:
+    read: list[_Point] = field(default_factory=list)
+    pose_count: int = 0  # points that hold a pose of the tool
+    unread: list[int] = field(default_factory=list)  # lines of what looks like a point besides
+    # last line of a file that ends before the end of the program
+    cut: TextLine | None = None
+
+    def table(self, axis: str, where: str, notes: list[str]) -> Iterator[TextLine]:
+        """Yield a table of the points, without external axes that are 0 in all of them.
+
+        `axis` is an example in the refusal of a program without joint positions.
+        """
+        if not self.read:
+            self._refuse(axis, where)
+        notes += self._not_read()
+        used = _axes_used(self.read)
+        labelled = any(point.labels[1:] != ("",) for point in self.read if len(point.labels) > 1)
+        labels = ["Point", "Comment"] if labelled else ["Point"]
+        yield TextLine(1, table_row([*labels, *used]), ended=True)
+        for point in self.read:
+            # The row of a point within which the file ends is as short as what is left of it.
+            axes = used if point.whole else [name for name in used if name in point.axes]
+            values = [point.axes.get(name, "") for name in axes]
+            fields = [*point.labels[: len(labels)], *values]
+            yield TextLine(point.line, table_row(fields), ended=point.whole)
+        if self.cut is not None and not _is_short(self.read[-1], used):
+            # The file ends after its last point: points may be lost, for which its last line is
+            # there, as one that is cut.
+            yield TextLine(self.cut.number, self.cut.text.strip().replace("\t", " "), ended=False)
+
+    def _refuse(self, axis: str, where: str) -> None:
+        """Refuse a program without joint positions."""
+        remedy = "export the program with its points"
+        if self.pose_count or self.unread:
+            remedy = (
+                "export the joint positions: teach the points anew as joint positions, or log "
+                "where the arm stood at each of them"
+            )
         raise RawDataError(
             "no joint positions are in the program",
             where=where,
-            value=f"{len(points)} points with a pose of the tool" if points else "no point",
+            value="; ".join(self._not_read()) or "no point",
             allowed=f"points with a position for each axis, such as {axis}",
-            remedy=_LOG_JOINTS if points else "export the program with its points",
+            remedy=remedy,
         )
-    if len(placed) < len(points):
-        notes.append(f"{len(points) - len(placed)} points hold a pose of the tool and are not read")
-    names = list(dict.fromkeys(name for point in placed for name in point.axes))
-    extra = [name for name in names if name[0] == "E"]
-    used = [name for name in names if name not in extra or _moves(name, placed)]
-    labelled = any(point.labels[1:] != ("",) for point in placed if len(point.labels) > 1)
-    labels = ["Point", "Comment"] if labelled else ["Point"]
-    yield TextLine(1, table_row([*labels, *used]), ended=True)
-    for point in placed:
-        values = [point.axes.get(name, "") for name in used if point.whole or name in point.axes]
-        fields = [*point.labels[: len(labels)], *values]
-        yield TextLine(point.line, table_row(fields), ended=point.whole)
-    if cut is not None and (placed[-1].whole or set(used) <= set(placed[-1].axes)):
-        yield TextLine(cut.number, cut.text.strip().replace("\t", " "), ended=False)
+
+    def _not_read(self) -> Iterator[str]:
+        """Yield how many points are not read, and why."""
+        if self.pose_count == 1:
+            yield "1 point holds a pose of the tool and is not read"
+        elif self.pose_count:
+            yield f"{self.pose_count} points hold a pose of the tool and are not read"
+        if len(self.unread) == 1:
+            yield f"1 point is not read, as it is written otherwise, in line {self.unread[0]}"
+        elif self.unread:
+            yield (
+                f"{len(self.unread)} points are not read, as they are written otherwise, the first "
+                f"in line {min(self.unread)}"
+            )
 
 
-def _moves(name: str, points: Iterable[_Point]) -> bool:
-    return any(float(point.axes.get(name, 0.0)) != 0.0 for point in points)
+def _axes_used(points: Sequence[_Point]) -> list[str]:
+    """Return the axes of points in order of appearance, without external ones that stay at 0."""
+    names = list(dict.fromkeys(name for point in points for name in point.axes))
+    return [
+        name
+        for name in names
+        if name[0] != "E" or any(float(point.axes.get(name, 0.0)) != 0.0 for point in points)
+    ]
+
+
+def _is_short(point: _Point, used: Sequence[str]) -> bool:
+    """Return whether the file ends within a point, so that it lacks some of its axes."""
+    return not point.whole and not set(used) <= set(point.axes)
 
 
 # KUKA: DECL E6AXIS XP1={A1 10.0,A2 -90.0,…,E1 0.0,…}
 
-_KUKA_TYPES = r"\b(E6AXIS|AXIS|E6POS|POS|FRAME)\s+(\w+)"
-#: An array is declared with its type and length; its elements are assigned without the type.
-_KUKA_ARRAY = re.compile(rf"{_KUKA_TYPES}\s*\[\s*\d*\s*\]", re.I)
-_KUKA_POINT = re.compile(
-    rf"(?:{_KUKA_TYPES}|\b(\w+))(\s*\[\s*\d*\s*\])?\s*=\s*\{{([^}}]*)(\}}?)", re.I
+_KUKA_TYPE = r"\b(E6AXIS|AXIS|E6POS|POS|FRAME)\s+"
+_KUKA_INDEX = r"\s*\[\s*\d*(?:\s*,\s*\d*)*\s*\]"
+#: Names are declared with their type, arrays with their lengths; they may be assigned without it.
+_KUKA_NAMES = re.compile(
+    rf"{_KUKA_TYPE}(\w+(?:{_KUKA_INDEX})?(?:\s*,\s*\w+(?:{_KUKA_INDEX})?)*)", re.I
 )
+_KUKA_POINT = re.compile(rf"(?:{_KUKA_TYPE})?\b(\w+)({_KUKA_INDEX})?\s*=\s*\{{([^}}]*)(\}}?)", re.I)
 _KUKA_AXIS = re.compile(rf"\b([AE]\d)\s+({_NUMBER})", re.I)
+#: Components of an axis, or of a place with the configuration of the arm.
+_KUKA_LIKE = re.compile(r"^\s*A1\s|^\s*X\s.*\bS\s+\d", re.I)
 
 
 def kuka_points(lines: Iterable[TextLine], where: str, notes: list[str]) -> Iterator[TextLine]:
@@ -83,31 +125,42 @@ def kuka_points(lines: Iterable[TextLine], where: str, notes: list[str]) -> Iter
 
     Points of the inline forms are called XP1 there, and P1 by their users; elements of arrays P[1].
     """
-    points, last, ended = [], None, False
-    arrays: dict[str, str] = {}  # type by the name of an array
+    points, last, ended = _Points(), None, False
+    declared: dict[str, str] = {}  # type by name
     for line in lines:
         last = line
         ended = ended or bool(re.match(r"\s*ENDDAT\b", line.text, re.I))
         text = line.text.partition(";")[0]
-        arrays |= {name.upper(): kind for kind, name in _KUKA_ARRAY.findall(text)}
-        for stated, typed, untyped, index, inside, end in _KUKA_POINT.findall(text):
-            name = typed or untyped
-            kind = stated or (arrays.get(name.upper(), "") if index else "")
-            if kind.upper() in ("", "FRAME"):
-                continue
-            label = name[1:] if len(name) > 1 and name[0] in "Xx" else name
-            label += "".join(index.split())
-            axes = {}
-            if kind.upper().endswith("AXIS"):
-                for axis, value in _KUKA_AXIS.findall(inside):
-                    axes[f"{axis.upper()} [deg]" if axis[0] in "Aa" else axis.upper()] = value
-            points.append(_Point(line.number, (label,), axes, bool(end)))
-    yield from _table(points, "A1 … A6 of E6AXIS", None if ended else last, where, notes)
+        for kind, names in _KUKA_NAMES.findall(text):
+            bare = re.sub(_KUKA_INDEX, "", names)
+            declared |= {name.strip().upper(): kind.upper() for name in bare.split(",")}
+        for stated, name, index, inside, end in _KUKA_POINT.findall(text):
+            kind = stated.upper() or declared.get(name.upper(), "")
+            axes = _kuka_axes(inside) if kind in ("E6AXIS", "AXIS") else {}
+            if axes:
+                label = name[1:] if len(name) > 1 and name[0] in "Xx" else name
+                labels = (label + "".join(index.split()),)
+                points.read.append(_Point(line.number, labels, axes, bool(end)))
+            elif kind in ("E6POS", "POS"):
+                points.pose_count += 1
+            elif kind != "FRAME" and end and _KUKA_LIKE.match(inside):
+                points.unread.append(line.number)
+    points.cut = None if ended else last
+    yield from points.table("A1 … A6 of E6AXIS", where, notes)
+
+
+def _kuka_axes(inside: str) -> dict[str, str]:
+    """Return positions by axis, those of the arm with their unit."""
+    return {
+        f"{axis.upper()} [deg]" if axis[0] in "Aa" else axis.upper(): value
+        for axis, value in _KUKA_AXIS.findall(inside)
+    }
 
 
 # FANUC: P[1:"name"]{ GP1: … J1= 10.0 deg, … }; and position registers.
 
-_FANUC = re.compile(r'^\s*P\[(\d+)\s*(?::\s*"?([^"\]]*)"?\s*)?\]\s*\{')
+_FANUC = re.compile(r'^\s*P\[(\d+)\s*(?::\s*(?:"([^"]*)"|([^"\]]*)))?\s*\]\s*\{')
+_FANUC_LIKE = re.compile(r"^\s*P\[\s*\d+\b.*\{\s*$")
 _REGISTER = re.compile(r"^\s*\[(\d+),(\d+)\]\s*=\s*'([^']*)'(\s*Uninitialized)?")
 _REGISTERS = re.compile(r"\$POSREG\b.*ARRAY\[\d+,(\d+)\]")
 _FANUC_AXIS = re.compile(rf"\b([JE]|EXT)(\d)\s*[=:]\s*({_NUMBER})\s*(deg|mm|rad)\b")
@@ -129,8 +182,10 @@ def fanuc_points(lines: Iterable[TextLine], where: str, notes: list[str]) -> Ite
     every = list(lines)
     ended = any(re.match(r"\s*/END\b", line.text) for line in every)
     points = _fanuc_points(_program_blocks(every), where)
-    cut = None if ended or not every else every[-1]
-    yield from _table(points, "J1 … J6 in deg", cut, where, notes)
+    begins = (line for line in every if _FANUC_LIKE.match(line.text))
+    points.unread += [line.number for line in begins if not _FANUC.match(line.text)]
+    points.cut = None if ended or not every else every[-1]
+    yield from points.table("J1 … J6 in deg", where, notes)
 
 
 def fanuc_registers(lines: Iterable[TextLine], where: str, notes: list[str]) -> Iterator[TextLine]:
@@ -140,8 +195,8 @@ def fanuc_registers(lines: Iterable[TextLine], where: str, notes: list[str]) -> 
     begun = [register[2] for line in every if (register := _REGISTER.match(line.text))]
     ended = bool(sizes) and sizes[-1] in begun  # the file holds the last register of the array
     points = _fanuc_points(_register_blocks(every, ended=ended), where)
-    cut = None if ended or not every else every[-1]
-    yield from _table(points, "J1 … J6 in deg", cut, where, notes)
+    points.cut = None if ended or not every else every[-1]
+    yield from points.table("J1 … J6 in deg", where, notes)
 
 
 def _program_blocks(lines: Iterable[TextLine]) -> Iterator[_FanucBlock]:
@@ -149,18 +204,20 @@ def _program_blocks(lines: Iterable[TextLine]) -> Iterator[_FanucBlock]:
     block: _FanucBlock | None = None
     group = 1
     for line in lines:
-        if (found := _FANUC.match(line.text)) is not None:
+        text = line.text
+        if (found := _FANUC.match(text)) is not None:
             if block is not None:
                 yield block
-            labels = f"P{found[1]}", (found[2] or "").strip()
+            labels = f"P{found[1]}", (found[2] or found[3] or "").strip()
             block, group = _FanucBlock(line.number, labels, whole=False), 1
-        if (of_group := re.match(r"\s*GP(\d)\s*:", line.text)) is not None:
+            text = text[found.end() :]  # a brace in the comment ends nothing
+        if (of_group := re.match(r"\s*GP(\d)\s*:", text)) is not None:
             group = int(of_group[1])
         if block is None:
             continue
         if group == 1:
             block.lines.append(line)
-        if "}" in line.text:
+        if "}" in text:
             block.whole = True
             yield block
             block = None
@@ -188,9 +245,9 @@ def _register_blocks(lines: Iterable[TextLine], *, ended: bool) -> Iterator[_Fan
         yield block
 
 
-def _fanuc_points(blocks: Iterable[_FanucBlock], where: str) -> list[_Point]:
-    """Return the points that hold joint positions or a pose of the tool."""
-    points = []
+def _fanuc_points(blocks: Iterable[_FanucBlock], where: str) -> _Points:
+    """Return the points of blocks."""
+    points = _Points()
     units: dict[str, str] = {}  # unit by axis, the same in all points
     for block in blocks:
         axes: dict[str, str] = {}
@@ -207,81 +264,114 @@ def _fanuc_points(blocks: Iterable[_FanucBlock], where: str) -> list[_Point]:
                     )
                 axes[f"{axis} [{unit}]"] = value
         is_pose = any(map(_POSE.search, (line.text for line in block.lines)))
-        if is_pose and not any(name[0] == "J" for name in axes):
-            axes = {}  # external axes of a pose alone
-        if axes or is_pose:
-            points.append(_Point(block.line, block.labels, axes, block.whole))
+        if is_pose and not any(name[0] == "J" for name in axes):  # external axes at most
+            points.pose_count += 1
+        elif axes:
+            points.read.append(_Point(block.line, block.labels, axes, block.whole))
+        elif block.whole:
+            points.unread.append(block.line)
     return points
 
 
 # ABB: CONST jointtarget p1:=[[r1,…,r6],[9E+09,…]];
 
 _ABB_NAMED = re.compile(r"\b(jointtarget|robtarget)\s+(\w+)\s*(?:\{[^}]*\})?\s*:=", re.I)
+_ABB_MOVES = re.compile(r"\bMoveAbsJ\b", re.I)
 _SIX = rf"\[\s*({_NUMBER}(?:\s*,\s*{_NUMBER}){{0,5}})\s*\]"
 _ABB_JOINTS = re.compile(rf"\[\s*{_SIX}\s*,\s*{_SIX}\s*\]")
+#: Two lists of six, whatever is in them: a jointtarget, and no frame.
+_ABB_LIKE = re.compile(r"\[\s*\[((?:[^][,]+,){5}[^][,]+)\]\s*,\s*\[(?:[^][,]+,){5}[^][,]+\]\s*\]")
+#: A place and a quaternion, with the configuration of the arm behind: a robtarget, and no frame.
+_ABB_POSE = re.compile(r"\[\s*\[(?:[^][,]+,){2}[^][,]+\]\s*,\s*\[(?:[^][,]+,){3}[^][,]+\]\s*,\s*\[")
+_ABB_TEXT = re.compile(r'"[^"]*"')
 #: The position of an external axis that does not exist.
 _ABB_NONE = 9e9
 
 
+@dataclass
+class _Statement:
+    """A statement of a RAPID module, of one or more lines, with a space between."""
+
+    text: str = ""
+    begins: list[tuple[int, int]] = field(default_factory=list)  # offset and number of each line
+
+    def add(self, part: str, number: int) -> None:
+        """Add a part of a line."""
+        self.begins.append((len(self.text), number))
+        self.text += part + " "
+
+    def line_at(self, offset: int) -> int:
+        """Return the number of the line in which a letter stands."""
+        return max(number for begin, number in self.begins if begin <= offset)
+
+
 def abb_points(lines: Iterable[TextLine], where: str, notes: list[str]) -> Iterator[TextLine]:
     """Yield the joint targets of a RAPID module, declared, in arrays, or in MoveAbsJ itself."""
-    points: list[_Point] = []
-    last, ended, begins, statement = None, False, 0, ""
+    points, last, ended, statement = _Points(), None, False, _Statement()
     for line in lines:
         last = line
         ended = ended or bool(re.match(r"\s*ENDMODULE\b", line.text, re.I))
-        for part in re.split(r"(?<=;)", line.text.partition("!")[0]):
-            if not part.strip():
-                continue
-            begins, statement = (begins if statement else line.number), statement + part
+        text = _ABB_TEXT.sub('""', line.text).partition("!")[0]
+        for part in re.split(r"(?<=;)", text):
+            if part.strip():
+                statement.add(part, line.number)
             if part.endswith(";"):
-                points += _abb_statement(statement, begins)
-                statement = ""
+                _add_abb_points(points, statement)
+                statement = _Statement()
     if not ended:  # an array may be cut short
-        points += _abb_statement(statement, begins)
-    yield from _table(points, "jointtarget", None if ended else last, where, notes)
+        _add_abb_points(points, statement)
+        points.cut = last
+    yield from points.table("jointtarget", where, notes)
 
 
-def _abb_statement(statement: str, line: int) -> Iterator[_Point]:
-    named = _ABB_NAMED.search(statement)
-    if named is None and not re.search(r"\bMoveAbsJ\b", statement, re.I):
-        return
-    label = f"line{line}" if named is None else named[2]
+def _add_abb_points(points: _Points, statement: _Statement) -> None:
+    """Add the points of a statement."""
+    text = statement.text
+    poses = len(_ABB_POSE.findall(text))
+    like = [(found.start(), found[1]) for found in _ABB_LIKE.finditer(text)]
+    named, moves = _ABB_NAMED.search(text), _ABB_MOVES.search(text)
     if named is not None and named[1].lower() == "robtarget":
-        yield _Point(line, (label,), {})
+        points.pose_count += max(poses, 1)
         return
-    targets = _ABB_JOINTS.findall(statement)
-    for k, (robot, external) in enumerate(targets, start=1):
-        values = [value.strip() for value in robot.split(",")]
+    points.pose_count += poses
+    if named is not None:
+        label = named[2]
+    elif moves is not None:
+        label = f"line{statement.line_at(moves.start())}"
+    else:  # a value that is assigned to a name or handed to a routine
+        points.unread += [statement.line_at(offset) for offset, _ in like]
+        return
+    targets = list(_ABB_JOINTS.finditer(text))
+    begins = {target.start() for target in targets}
+    points.unread += [statement.line_at(offset) for offset, _ in like if offset not in begins]
+    for k, target in enumerate(targets, start=1):
+        values = [value.strip() for value in target[1].split(",")]
         axes = {f"J{j} [deg]": value for j, value in enumerate(values, start=1)}
-        for j, value in enumerate(external.split(","), start=1):
+        for j, value in enumerate(target[2].split(","), start=1):
             if float(value) < _ABB_NONE:
                 axes[f"E{j}"] = value.strip()
-        yield _Point(line, (label if len(targets) == 1 else f"{label}{{{k}}}",), axes)
+        labels = (label if len(targets) == 1 else f"{label}{{{k}}}",)
+        points.read.append(_Point(statement.line_at(target.start()), labels, axes))
 
 
 # Yaskawa: C00000=pulses of the motors.
 
 
-def yaskawa_points(lines: Iterable[TextLine], where: str, notes: list[str]) -> Iterator[TextLine]:
+def yaskawa_points(lines: Iterable[TextLine], where: str, _notes: list[str]) -> Iterator[TextLine]:
     """Refuse a job: its points are pulses of the motors, or poses of the tool."""
-    for line in lines:
-        if (kind := re.match(r"\s*///POSTYPE\s+(\w+)", line.text)) is not None:
-            pulses = kind[1] == "PULSE"
-            raise RawDataError(
-                "a Yaskawa job holds "
-                + ("pulses of the motors" if pulses else "poses of the tool")
-                + ", and no joint positions",
-                where=f"{where}:{line.number}",
-                value=line.text.strip(),
-                allowed="joint positions in degrees",
-                remedy="export a table of the points with the axes S, L, U, R, B, T in degrees: "
-                "the current position of the pendant shown as ANGLE at each point, or a log of the "
-                "controller"
-                + (
-                    ", or the pulses divided by the pulses per degree of each axis"
-                    if pulses
-                    else ""
-                ),
-            )
-    yield from _table([], "S, L, U, R, B, T in deg", None, where, notes)
+    told = ((line, re.match(r"\s*///POSTYPE\s+(\w+)", line.text)) for line in lines)
+    line, kind = next(((line, kind) for line, kind in told if kind is not None), (None, None))
+    pulses = kind is not None and kind[1] == "PULSE"
+    holds = "pulses of the motors" if pulses else "poses of the tool"
+    if kind is None:
+        holds = "pulses of the motors or poses of the tool"
+    by_gear = ", or the pulses divided by the pulses per degree of each axis" if pulses else ""
+    raise RawDataError(
+        f"a Yaskawa job holds {holds}, and no joint positions",
+        where=where if line is None else f"{where}:{line.number}",
+        value="no line ///POSTYPE" if line is None else line.text.strip(),
+        allowed="joint positions in degrees",
+        remedy="export a table of the points with the axes S, L, U, R, B, T in degrees: the "
+        "current position of the pendant shown as ANGLE at each point, or a log of the controller"
+        + by_gear,
+    )
