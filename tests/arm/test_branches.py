@@ -94,3 +94,34 @@ def test_a_fifth_axis_parallel_to_those_before_it_has_none():
     alpha = arm.alpha_rad.copy()
     alpha[3] = 0.0
     assert branches_of(replace(arm, alpha_rad=alpha)) is None
+
+
+@pytest.mark.parametrize(("name", "row"), [("irb120", 1), ("ur10", 1), ("ur10", 2)])
+def test_a_joint_that_moves_nothing_by_itself_has_none(name, row):
+    """Of two axes in one the arm has no branches, but lines of postures."""
+    arm = load_arm(name)
+    a_m = arm.a_m.copy()
+    a_m[row] = 0.0
+    assert branches_of(replace(arm, a_m=a_m)) is None
+
+
+def test_a_wrist_on_the_third_axis_has_none():
+    arm = load_arm("irb120")
+    a_m, d_m = arm.a_m.copy(), arm.d_m.copy()
+    a_m[2] = d_m[3] = 0.0
+    assert branches_of(replace(arm, a_m=a_m, d_m=d_m)) is None
+
+
+def test_rows_of_branches_that_do_not_exist_miss_the_pose():
+    """As the description says of an arm with three parallel axes."""
+    arm = load_arm("ur10")
+    chain, q = Chain.of(arm), np.random.default_rng(2).uniform(-np.pi, np.pi, (300, 6))
+    T = chain.forward(q)
+    found = branches_of(arm)(T)
+    off_m = np.linalg.norm(
+        chain.forward(found.reshape(-1, 6)).reshape(-1, 8, 4, 4)[:, :, :3, 3] - T[:, None, :3, 3],
+        axis=2,
+    )
+    missed = off_m > 1e-3
+    assert 0.1 < missed.any(axis=1).mean() < 0.3
+    assert 0.1 < off_m.max() < 0.4

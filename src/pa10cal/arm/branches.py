@@ -42,8 +42,10 @@ def branches_of(arm: Arm) -> Callable[[Array], Array] | None:
     """Return a function for all branches of a nominal arm; None where no closed form is known.
 
     The function takes end-effector poses T_base_ee (P, 4, 4) and returns joint positions
-    (P, 8, 6), between -pi and pi [rad]. For a pose out of reach, or within a hundredth of a radian
-    of a singularity, they reach a pose near it.
+    (P, 8, 6), between -pi and pi [rad]. A row reaches its pose where that branch exists and is not
+    within a hundredth of a radian of a singularity. Other rows miss it, by up to decimetres: all
+    for a pose out of reach, and with three parallel axes some for every fifth pose within. Forward
+    kinematics shows which.
     """
     if arm.n != 6 or arm.prismatic.any():
         return None
@@ -56,13 +58,19 @@ def branches_of(arm: Arm) -> Callable[[Array], Array] | None:
     # as it is, and that plane does not give its angle.
     if not _parallel(h[1], h[2]) or _parallel(h[0], h[1]):
         return None
+    # Where axes 2 and 3 are one, or joint 3 turns about what it has to move, it moves nothing.
+    if _off_axis(h[1], p[2] - p[1]) < _MEETING_M:
+        return None
     wrist = _meeting(h[3:], p[3:])
     if wrist is not None:
+        if _off_axis(h[2], wrist - p[2]) < _MEETING_M:
+            return None
         axes = _Axes(h, np.vstack([p[:3], np.tile(wrist, (3, 1))]), T_ee_base)
         return lambda T_base_ee: _with_spherical_wrist(axes, T_base_ee)
     wrist = _meeting(h[4:], p[4:])
     # The angle of joint 5 is that between axis 6 and axes 2 to 4, which it must change.
-    if wrist is not None and _parallel(h[1], h[3]) and not _parallel(h[3], h[4]):
+    three_parallel = _parallel(h[1], h[3]) and _off_axis(h[2], p[3] - p[2]) >= _MEETING_M
+    if wrist is not None and three_parallel and not _parallel(h[3], h[4]):
         axes = _Axes(h, np.vstack([p[:4], np.tile(wrist, (2, 1))]), T_ee_base)
         return lambda T_base_ee: _with_three_parallel(axes, T_base_ee)
     return None
@@ -197,6 +205,11 @@ def _angle_of(R: Array, k: Array) -> Array:
 
 def _parallel(one: Array, other: Array) -> bool:
     return bool(np.linalg.norm(np.cross(one, other)) < _PARALLEL_RAD)
+
+
+def _off_axis(k: Array, p: Array) -> float:
+    """Return how far p (3,) is from an axis k through the origin [m]."""
+    return float(np.linalg.norm(np.cross(k, p)))
 
 
 def _meeting(h: Array, p: Array) -> Array | None:
