@@ -24,6 +24,7 @@ from pa10cal.discovery.target_wander import TargetWander
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
 from pa10cal.results.discovery import Unexplained
+from pa10cal.results.number_text import plain_number
 from pa10cal.terms.effects.effect import CandidateContext, turning_joints
 
 
@@ -69,7 +70,8 @@ class Wander(Nuisance):
 
     times_s: Array  # (P,) times of the readings, in order; the walk advances from one to the next
     jumps: tuple[Jump, ...]  # the most certain first
-    walk_m: float = 0.0  # root mean square of the walk's shift that is expected; 0 without a walk
+    # root mean square of the walk's shift that is expected along each axis; 0 without a walk
+    walk_m: float = 0.0
     walk_turn: float = 0.0  # its expected turn over its shift [rad/m]
     amounts: Array | None = None  # (6 c,)
     # root mean squares over the readings of the whole motion, and of the walk alone
@@ -119,7 +121,10 @@ class Wander(Nuisance):
 
 @dataclass(frozen=True, eq=False)
 class AttitudeLag(Nuisance):
-    """Rotation of orientations about each joint's axis, in proportion to the joint's last move."""
+    """Rotation of orientations about each joint's axis, by the direction of its last move.
+
+    It is as large after any move of a joint, and none where the joint stayed.
+    """
 
     joints: tuple[int, ...]  # the joints with a lag, from 1
     campaigns: int = 1  # campaigns of a group, each with lags of its own
@@ -138,7 +143,7 @@ class AttitudeLag(Nuisance):
         by_lag = by_lag * move[:, None, :] * BLOCKS.lag_rad
         campaign = poses.states.campaign
         if campaign is None:
-            return np.asarray(by_lag)
+            campaign = np.zeros(len(poses), dtype=np.intp)
         parts = [by_lag * (campaign == k)[:, None, None] for k in range(self.campaigns)]
         return np.concatenate(parts, axis=2)
 
@@ -149,7 +154,7 @@ class AttitudeLag(Nuisance):
         joints = " and ".join(
             f"joint {joint} ({1e6 * lag_rad:.0f} µrad)"
             for joint, lag_rad in zip(self.joints, lags_rad.tolist(), strict=True)
-            if lag_rad > BLOCKS.told_share * lags_rad.max()
+            if lag_rad >= BLOCKS.told_share * lags_rad.max()
         )
         why = (
             f"orientations go with the way that {joints} came, and positions do not: it is the "
@@ -206,13 +211,23 @@ _REMEDY = (
 
 
 def between_rows(readings: Observations, before_s: float, after_s: float) -> str:
-    """Return in words between which readings something happened, by the times of these."""
+    """Return in words between which readings something happened, by the times of these.
+
+    The readings may end before it, or begin after it.
+    """
     order = np.argsort(readings.states.time_s, kind="stable")
     time_s, pose = readings.states.time_s[order], readings.pose[order]
+
+    def shown(k: int) -> str:
+        return f"{pose[k]} at {time_s[k]:.10g} s"
+
     last = int(np.searchsorted(time_s, before_s, side="right")) - 1
     next_ = int(np.searchsorted(time_s, after_s))
-    begin, end = (f"{pose[k]} at {time_s[k]:.10g} s" for k in (last, next_))
-    return f"between {begin} and {end}"
+    if last < 0:
+        return f"before {shown(next_)}"
+    if next_ == len(order):
+        return f"after {shown(last)}"
+    return f"between {shown(last)} and {shown(next_)}"
 
 
 def steps_in_time(
@@ -238,10 +253,11 @@ def steps_in_time(
             position_error_mm(readings.measured, jacobians.by_base(at, readings) @ motion)
         )
         turn_mrad = 1e3 * float(np.linalg.norm(motion[3:]))
-        what = f"the instrument or the base moved by {size_mm:.2g} mm and {turn_mrad:.2f} mrad"
+        size = f"{plain_number(size_mm, 2)} mm and {turn_mrad:.2f} mrad"
+        what = f"the instrument or the base moved by {size}"
         if jump.pause:
             hours = (jump.after_s - jump.before_s) / 3600.0
-            what += f" in a pause of {hours:.2g} h, at once or in the course of it"
+            what += f" in a pause of {plain_number(hours, 2)} h, at once or in the course of it"
         others = rivals.get(jump.time_s, ())
         if others:
             what = f"something changed: {what}, or {' or '.join(others)} does as well"
@@ -265,15 +281,15 @@ def motion_unexplained(
     if wander is not None and wander.walk_m and wander.rms_mm[1] > floor_mm:
         hours = float(np.ptp(wander.times_s)) / 3600.0
         why = (
-            f"the instrument or the base wandered by {wander.rms_mm[1]:.3g} mm (root mean square) "
-            f"in {hours:.2g} h, neither steadily nor at once"
+            f"the instrument or the base wandered by {plain_number(wander.rms_mm[1])} mm "
+            f"(root mean square) in {plain_number(hours, 2)} h, neither steadily nor at once"
         )
         found.append(Unexplained(of="base", form=None, shared_error_mm=wander.rms_mm[1], why=why))
     if in_time.rivals and in_time.rivals_mm > floor_mm:
         why = (
-            f"{in_time.rivals_mm:.3g} mm (root mean square) go with the order of the poses, and "
-            f"with {' and '.join(in_time.rivals)} alike: the arm errs by that, or the instrument "
-            "or the base moved; measure the poses in random order"
+            f"{plain_number(in_time.rivals_mm)} mm (root mean square) go with the order of the "
+            f"poses, and with {' and '.join(in_time.rivals)} alike: the arm errs by that, or the "
+            "instrument or the base moved; measure the poses in random order"
         )
         found.append(Unexplained(of=None, form=None, shared_error_mm=in_time.rivals_mm, why=why))
     return tuple(found)
