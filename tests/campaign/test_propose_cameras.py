@@ -11,10 +11,12 @@ import yaml
 from scipy.spatial.transform import Rotation
 
 from made_up_sightings import is_read, sighted
+from pa10cal.arm.chain import Chain
 from pa10cal.campaign.matrices import matrix_columns, rotation_columns
 from pa10cal.campaign.own_columns import FileColumns
 from pa10cal.campaign.read import read_campaign
 from pa10cal.campaign.recognise import roles_of
+from pa10cal.files.arms import load_arm
 
 JOINTS = [f"j{k}" for k in range(1, 7)]
 
@@ -82,6 +84,74 @@ def test_a_cameras_pose_is_read_beside_the_controllers_which_is_said(tmp_path, p
     assert "check position: tvec_x, tvec_y, tvec_z taken, of 2 triples" in out
     assert "rvec_z taken; rx, ry, rz seem to hold another orientation, which is not read" in out
     is_read(read_campaign(tmp_path), raw.q, raw.T_instr_target)
+
+
+def computed_by_the_controller(raw, turn_deg=0.0):
+    """Return the nominal flange (N, 4, 4) in its own base, turned about its axis, to 0.01 mm."""
+    T = Chain.of(load_arm("ur10")).forward(raw.q)
+    turn = np.eye(4)
+    turn[:3, :3] = Rotation.from_euler("z", turn_deg, degrees=True).as_matrix()
+    T = turn @ T
+    T[:, :3, 3] = T[:, :3, 3].round(5)
+    return T
+
+
+@pytest.mark.parametrize(
+    ("own", "others", "turn_deg"),
+    [
+        ("tcp_poses", "camera_poses", 0.0),
+        pytest.param("T_base_ee", "T_cam_tag", 180.0, marks=pytest.mark.slow),
+    ],
+)
+@pytest.mark.parametrize("inverse", [False, True])
+def test_matrices_that_the_controller_computes_are_no_readings(
+    tmp_path, proposed, own, others, turn_deg, inverse
+):
+    """Files of hand-eye calibrations hold the controller's pose first, and then the camera's."""
+    raw = sighted(tmp_path, "pose", noise_mm=0.3)
+    seen = np.linalg.inv(raw.T_instr_target) if inverse else raw.T_instr_target
+    of_arm = computed_by_the_controller(raw, turn_deg)
+    np.savez(tmp_path / "a.npz", **{"joints": raw.q, own: of_arm, others: seen})
+    out = proposed("a.npz")
+    assert f"check position: {others}_14, {others}_24, {others}_34 taken, as {own}_14" in out
+    columns = yaml.safe_load(out)["columns"]["poses"]
+    assert columns["position"]["names"] == [f"{others}_{k}4" for k in (1, 2, 3)]
+    assert columns["rotation"].get("inverse") == ("pose" if inverse else None)
+    assert not any("computes" in warning for warning in read_campaign(tmp_path).warnings)
+
+
+def test_columns_that_the_controller_computes_are_no_readings(tmp_path, proposed):
+    """The letter T of the poses left out is no time."""
+    raw = sighted(tmp_path, "pose", noise_mm=0.3)
+    values = []
+    for T in (computed_by_the_controller(raw), raw.T_instr_target):
+        values += [T[:, :3, 3], Rotation.from_matrix(T[:, :3, :3]).as_quat()]
+    names = [
+        f"{body}_{part}"
+        for body in ("T_base_tool", "T_cam_tag")
+        for part in ("x", "y", "z", "qx", "qy", "qz", "qw")
+    ]
+    with_joints(raw, names, *values).to_csv(tmp_path / "a.csv", index=False)
+    out = proposed("a.csv")
+    assert "check position: T_cam_tag_x, T_cam_tag_y, T_cam_tag_z taken, as T_base_tool_x" in out
+    assert "time" not in yaml.safe_load(out)["columns"]["poses"]
+    is_read(read_campaign(tmp_path), raw.q, raw.T_instr_target)
+
+
+def test_the_unread_orientation_of_another_body_is_no_time():
+    parts = ("x", "y", "z", "qx", "qy", "qz", "qw")
+    names = [f"{body}_{part}" for body in ("T_cam_tag", "T_base_tool") for part in parts]
+    assert "time" not in roles_of([*JOINTS, *names], 6).single
+    assert roles_of([*JOINTS, *names, "t"], 6).single["time"] == "t"
+
+
+def test_a_file_of_the_controllers_poses_alone_says_so(tmp_path, proposed):
+    raw = sighted(tmp_path, "pose")
+    T = computed_by_the_controller(raw)
+    np.savez(tmp_path / "a.npz", joints=raw.q, tcp=T)
+    assert "seem to be what a controller computes from the joints" in proposed("a.npz")
+    (warning,) = read_campaign(tmp_path).warnings
+    assert "what a controller computes from the joints is: they calibrate nothing" in warning
 
 
 @pytest.mark.parametrize(

@@ -29,6 +29,10 @@ ALIKE_M = 1e-3
 LEAST_POSES = 12
 #: Reweighting ends where a fit leaves more than this part of the sum of distances before.
 _CONVERGED = 0.999
+#: What a controller computes from the joints is nearer to the nominal arm than this, by which the
+#: decimals of its joints put it off, and no arm is built so exactly [m]. It is in the arm's own
+#: base, whose axes are those of the description within this angle, or quarter turns of them [rad].
+_COMPUTED_M, _OWN_BASE_RAD = 1e-4, 1e-3
 
 
 def misfit_of(measured: Instrument, T_base_ee: Array, fitted: int | None = None) -> Misfit | None:
@@ -89,6 +93,23 @@ def placed_by_points(
         return hand_eye_from_points(T_base_ee, p_m, weights=weights, roughly=roughly)
     except CalibrationError:
         return None
+
+
+def off_computed_m(T_base_ee: Array, p_m: Array) -> float | None:
+    """Return by how much places (P, 3) differ from those of the nominal arm in its own base [m].
+
+    None where they differ by more than what a controller computes from its joints, where their base
+    is another one, as of any instrument, or where the poses (P, 4, 4) are too few.
+    """
+    known = np.isfinite(p_m).all(axis=1) & np.isfinite(T_base_ee).all(axis=(1, 2))
+    used = np.flatnonzero(known)[drawn(int(known.sum()), FITTED_ROWS)]
+    if len(used) < LEAST_POSES:
+        return None
+    located = placed_by_points(T_base_ee[used], p_m[used, None])
+    if located is None or located.scatter_m > _COMPUTED_M:
+        return None
+    R = located.T_instr_base[:3, :3]
+    return located.scatter_m if np.abs(R - np.round(R)).max() < _OWN_BASE_RAD else None
 
 
 def misfit_mm(p_m: Array, modelled_m: Array) -> Array:

@@ -26,6 +26,7 @@ from pa10cal.campaign.headerless import (
     roles_by_arm,
 )
 from pa10cal.campaign.joint_positions import in_radians, position_columns
+from pa10cal.campaign.nominal_fit import off_computed_m, placed_by_points
 from pa10cal.campaign.own_columns import FileColumns
 from pa10cal.campaign.proposed_columns import ProposedColumns
 from pa10cal.campaign.recognise import Roles
@@ -39,6 +40,8 @@ from pa10cal.settings_reading import parse_section
 
 #: Columns of the contract that are read wherever they are.
 _CONTRACT_ALONE = ("time_s", "kind", "pose", "load_N", "repeat", "temperature_C")
+#: Places move as the arm does if it leaves less than this part of their spread.
+_EXPLAINED = 0.3
 #: Standard uncertainty of the instrument that is proposed where the file states none.
 ASSUMED_MM = 0.05
 
@@ -82,12 +85,69 @@ def propose(
     if arm is not None:
         roles = of_the_arm(roles, sniffed, arm, joint_names)
     refuse_unrecognised(roles, sniffed, file)
-    making = ProposedColumns(sniffed, roles, arm)
+    making = _without_computed_places(ProposedColumns(sniffed, roles, arm), joint_names)
     if roles.joints != by_name.joints:
         making.checks.append(f"joints: {roles.joints[0]} …, by the nominal arm: no others agree")
     columns = making.joints() | making.readings(making.T_base_ee)
     columns |= making.without_numbers_of_rows(columns, making.T_base_ee)
     return _proposal(making, {"poses": (file, sniffed, columns)}, name, robot, arm)
+
+
+def _without_computed_places(
+    making: ProposedColumns, joint_names: Sequence[str]
+) -> ProposedColumns:
+    """Return a proposal without places that the controller computes from the joints, and note it.
+
+    They stay, with another note, where no other place moves as the arm does.
+    """
+    tried = replace(making, checks=[])
+    tried.joints()
+    computed = {} if tried.T_base_ee is None else _computed(tried, tried.T_base_ee)
+    if not computed:
+        return making
+    dropped = [name for names in computed for name in names]
+    dropped += [] if making.roles.attitude is None else making.roles.attitude[0]
+    rest = making.sniffed.without(dropped)
+    found = roles_of_file(rest, len(making.roles.joints), joint_names)
+    found = replace(found, joints=making.roles.joints, torques=making.roles.torques)
+    other = replace(tried, sniffed=rest, roles=found)
+    first, off_m = next(iter(computed.items()))
+    what = (
+        f"what a controller computes from the joints ({1e3 * off_m:.2g} mm from the nominal arm in "
+        "its own base)"
+    )
+    if found.positions and _moves_as_arm(other):
+        taken = ", ".join(next(iter(found.positions.values())))
+        note = f"position: {taken} taken, as {', '.join(first)} are {what}"
+        return replace(making, sniffed=rest, roles=found, checks=[note])
+    note = (
+        f"position: {', '.join(first)} seem to be {what}, which calibrates nothing: name the "
+        "columns that an instrument measured"
+    )
+    return replace(making, checks=[note])
+
+
+def _computed(making: ProposedColumns, T_base_ee: Array) -> dict[tuple[str, ...], float]:
+    """Return the places that a controller computed, by their columns, and how far off they are."""
+    off_m = {
+        names: off_computed_m(T_base_ee, p_m) for names, p_m in making.places_m(T_base_ee).items()
+    }
+    return {names: each for names, each in off_m.items() if each is not None}
+
+
+def _moves_as_arm(making: ProposedColumns) -> bool:
+    """Return whether the first place moves as the nominal arm does, or inverse poses do."""
+    T_base_ee = making.T_base_ee
+    places = {} if T_base_ee is None else making.places_m(T_base_ee)
+    if T_base_ee is None or not places:
+        return False
+    if making.readings(T_base_ee).get("rotation", {}).get("inverse") == "pose":
+        return True
+    p_m = next(iter(places.values()))
+    known = np.isfinite(p_m).all(axis=1) & np.isfinite(T_base_ee).all(axis=(1, 2))
+    located = placed_by_points(T_base_ee[known], p_m[known, None])
+    spread_m = float(np.sqrt(np.nanvar(p_m, axis=0).sum()))
+    return located is not None and located.scatter_m < _EXPLAINED * spread_m
 
 
 def propose_two_logs(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -283,6 +283,23 @@ class ProposedColumns:
         base = [self._place(every[place], T_base_ee) for place in still]
         targets |= {f"base{k}": place for k, place in enumerate(base, start=1)}
         return columns | ({"targets": targets} if targets else {})
+
+    def places_m(self, T_base_ee: Array) -> dict[tuple[str, ...], Array]:
+        """Return the places (N, 3) [m] that move, by their columns; with an orientation its own.
+
+        The nominal end in each row is T_base_ee (N, 4, 4). None are returned of polar readings.
+        """
+        if self.roles.polar is not None:
+            return {}
+        quiet = replace(self, checks=[])
+        every = list(self.roles.positions.values())[: None if self.roles.attitude is None else 1]
+        still = standing({str(k): self.sniffed.columns(names) for k, names in enumerate(every)})
+        moving = [names for k, names in enumerate(every) if str(k) not in still]
+        units = [quiet._place(names, T_base_ee)["unit"] for names in moving]
+        return {
+            names: 1e-3 * LENGTHS[unit] * self.sniffed.columns(names)
+            for names, unit in zip(moving, units, strict=True)
+        }
 
     def without_numbers_of_rows(
         self, columns: Mapping[str, Any], T_base_ee: Array | None

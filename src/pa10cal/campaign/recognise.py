@@ -121,6 +121,8 @@ def roles_of(
         turns = numbered_joints([*_without(no_torques, *_NO_JOINT), *attitude[0]], joints)
         attitude = None if turns else attitude
     free = [name for name in names if name in (*no_torques, *text) and name not in turns]
+    while (other := attitude_of(_others(free, tuple(text)))) is not None:
+        free = _others(free, other[0])  # T_base_tool_qx is no time
     single, times = _single_columns_and_times(free, text)
     uncertain = _with_uncertain_targets(u, positions, single.get("distance"))
     return Roles(turns, torques, positions, attitude, uncertain, single, times)

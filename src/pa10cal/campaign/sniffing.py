@@ -69,6 +69,18 @@ class Sniffed:
         """Return columns of numbers (N, len(names))."""
         return np.column_stack([self.column(name) for name in names])
 
+    def without(self, names: Sequence[str]) -> Sniffed:
+        """Return the file without some columns."""
+        kept = [k for k, name in enumerate(self.names) if name not in names]
+        return replace(
+            self,
+            names=tuple(self.names[k] for k in kept),
+            units=tuple(self.units[k] for k in kept if self.units),
+            titles=tuple(self.titles[k] for k in kept if self.titles),
+            text=self.text[:, kept],
+            numbers=self.numbers[:, kept],
+        )
+
     def words(self, name: str) -> list[str]:
         """Return a column as it is written."""
         return [str(each) for each in self.text[:, self.names.index(name)]]

@@ -10,7 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arrays import MEDIAN_TO_SIGMA, Array, Mask
-from pa10cal.campaign.nominal_fit import LEAST_POSES, misfit_mm, placed_by_points
+from pa10cal.campaign.nominal_fit import (
+    LEAST_POSES,
+    misfit_mm,
+    off_computed_m,
+    placed_by_points,
+)
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.points import distances_between, scatter_of_computed_m
 
@@ -143,6 +148,22 @@ def told_of_one_reading(measured: Instrument) -> tuple[str, ...]:
             "(instrument.kind pose) where the file has it, else one of them"
         )
     return tuple(told)
+
+
+def told_of_computed(measured: Instrument, T_base_ee: Array) -> tuple[str, ...]:
+    """Return in words that readings are what a controller computes from its joints, if they are.
+
+    The nominal end of each reading is T_base_ee (N, 4, 4).
+    """
+    off_m = [off_computed_m(T_base_ee, place_m) for place_m in np.moveaxis(measured.places_m, 1, 0)]
+    known_m = [each for each in off_m if each is not None]
+    if not known_m or len(known_m) < len(off_m):
+        return ()
+    return (
+        f"the readings are {1e3 * max(known_m):.2g} mm from the nominal arm in its own base, as "
+        "what a controller computes from the joints is: they calibrate nothing; read what an "
+        "instrument measured",
+    )
 
 
 def exchanged(p_m: Array, modelled: Array) -> NDArray[np.object_]:

@@ -40,6 +40,7 @@ from pa10cal.campaign.target_labels import (
     exchange_text,
     exchanged,
     not_rigid,
+    told_of_computed,
     told_of_one_reading,
 )
 from pa10cal.campaign.two_logs import TwoLogs
@@ -117,7 +118,9 @@ class Screen:
                 off &= screens.off_model(self._coupled[1], held_out)
             self._quarantine_targets(off, screens.OFF_MODEL)
         self._quarantine_targets(not_rigid(self.found.measured.places_m), NOT_RIGID)
-        self.warnings = (*self.warnings, *told_of_one_reading(self.found.measured))
+        measured = self.found.measured
+        self.warnings = (*self.warnings, *told_of_one_reading(measured))
+        self.warnings = (*self.warnings, *told_of_computed(measured, self.T_base_ee))
 
     @cached_property
     def _coupled(self) -> tuple[Coupled, Misfit] | None:
