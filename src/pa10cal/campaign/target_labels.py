@@ -153,8 +153,10 @@ def told_of_one_reading(measured: Instrument) -> tuple[str, ...]:
 def told_of_computed(measured: Instrument, T_base_ee: Array) -> tuple[str, ...]:
     """Return in words that readings are what a controller computes from its joints, if they are.
 
-    The nominal end of each reading is T_base_ee (N, 4, 4).
+    The nominal end of each reading is T_base_ee (N, 4, 4). Distances alone show no place.
     """
+    if measured.places_m.shape[2] < 3:
+        return ()
     off_m = [off_computed_m(T_base_ee, place_m) for place_m in np.moveaxis(measured.places_m, 1, 0)]
     known_m = [each for each in off_m if each is not None]
     if not known_m or len(known_m) < len(off_m):
