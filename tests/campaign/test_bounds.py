@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from mended import QUATERNION, describe, mend, simulated
 from pa10cal.arm.coupling import CoupledJoint
@@ -26,7 +27,12 @@ from pa10cal.campaign.column_map import FACTORS, OFFSETS, ColumnMap, OwnColumn
 from pa10cal.campaign.csv_rows import read_rows
 from pa10cal.campaign.raw_rows import RawRows
 from pa10cal.campaign.read import read_campaign
-from pa10cal.campaign.target_labels import exchanged, not_rigid, stated_shape
+from pa10cal.campaign.target_labels import (
+    exchanged,
+    exchanged_by_distances,
+    not_rigid,
+    stated_shape,
+)
 from pa10cal.errors import Pa10calError
 from pa10cal.files.arms import load_arm
 
@@ -427,6 +433,24 @@ def exchange(first, second, rows):
                 row[one], row[other] = row[other], row[one]
 
     return change
+
+
+def test_targets_exchanged_in_many_poses_are_told_by_their_distances():
+    """Motion capture exchanges the labels of markers, in nine of 21 poses of a measured arm."""
+    rng = np.random.default_rng(5)
+    body_m = np.array([[0.0, 0.0, 0.0], [0.143, 0.0, 0.0], [0.03, 0.04, 0.0]])
+    R = Rotation.random(21, random_state=rng).as_matrix()
+    p_m = np.einsum("pij,bj->pbi", R, body_m) + rng.uniform(-1.0, 1.0, (21, 1, 3))
+    p_m += rng.normal(0.0, 5e-4, p_m.shape)
+    swapped = np.arange(21) % 7 < 3
+    p_m[swapped] = p_m[swapped][:, [1, 0, 2]]
+    p_m[20, 2] = np.nan  # a pose in which one was not seen stays
+    orders = exchanged_by_distances(p_m)
+    assert [order for order in orders if order is not None] == [(1, 0, 2)] * 9
+    assert [order is not None for order in orders] == swapped.tolist()
+    rigid = p_m[~swapped]
+    assert not any(exchanged_by_distances(rigid))
+    assert not any(exchanged_by_distances(p_m[:, :2]))  # of two no distance tells
 
 
 def test_exchanged_targets_are_named(copy):

@@ -9,7 +9,7 @@ from itertools import permutations
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.arrays import MEDIAN_TO_SIGMA, Array, Mask
+from pa10cal.arrays import MEDIAN_TO_SIGMA, Array, Mask, drawn
 from pa10cal.campaign.nominal_fit import (
     LEAST_POSES,
     misfit_mm,
@@ -22,6 +22,8 @@ from pa10cal.observe.points import distances_between, scatter_of_computed_m
 EXCHANGED = "the labels of these targets are exchanged"
 NOT_RIGID = "its distances from the other targets are not those of the other poses"
 
+#: Poses of which each may be the one whose distances most others have, at most.
+_COMPARED = 100
 #: All orders are tried of at most so many targets.
 MOST_TARGETS = 5
 #: Labels are exchanged where another order leaves at most this part of the misfit.
@@ -187,6 +189,38 @@ def exchanged(p_m: Array, modelled: Array) -> NDArray[np.object_]:
         if best_mm < min(EXCHANGED_LEFT * as_read_mm[row], limit_mm):
             orders[row] = others[number]
     return orders
+
+
+def exchanged_by_distances(p_m: Array) -> NDArray[np.object_]:
+    """Return (P,) the order in which targets have the distances of most poses; None where they do.
+
+    Targets were measured at p_m (P, B, 3), nan where not seen; poses in which one was not seen are
+    left as they are. No arm is needed, which labels exchanged in many poses throw off.
+    """
+    count, targets = p_m.shape[:2]
+    orders: NDArray[np.object_] = np.full(count, None, dtype=object)
+    whole = np.flatnonzero(np.isfinite(p_m).all(axis=(1, 2)))
+    if not 3 <= targets <= MOST_TARGETS or len(whole) < LEAST_POSES:
+        return orders
+    distances_mm = 1e3 * _distances(p_m[whole])
+    # The pose whose distances most others have.
+    of_most = max(
+        distances_mm[drawn(len(whole), _COMPARED)],
+        key=lambda one: int((_differ_mm(distances_mm, one) < EXCHANGED_MM).sum()),
+    )
+    as_read_mm = _differ_mm(distances_mm, of_most)
+    others = list(permutations(range(targets)))[1:]
+    for k in np.flatnonzero(as_read_mm > EXCHANGED_MM):
+        off_mm = [_differ_mm(distances_mm[k][np.ix_(o, o)][None], of_most)[0] for o in others]
+        best = int(np.argmin(off_mm))
+        if off_mm[best] < EXCHANGED_LEFT * as_read_mm[k]:
+            orders[whole[k]] = others[best]
+    return orders
+
+
+def _differ_mm(distances_mm: Array, of_most: Array) -> Array:
+    """Return the largest difference (P,) of distances (P, B, B) from others (B, B)."""
+    return np.asarray(np.abs(distances_mm - of_most).max(axis=(1, 2)))
 
 
 def exchange_text(order: tuple[int, ...], names: tuple[str, ...]) -> str:

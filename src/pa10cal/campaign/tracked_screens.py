@@ -39,6 +39,7 @@ from pa10cal.campaign.target_labels import (
     NOT_RIGID,
     exchange_text,
     exchanged,
+    exchanged_by_distances,
     not_rigid,
     told_of_computed,
     told_of_one_reading,
@@ -183,7 +184,14 @@ class Screen:
 
     def _quarantine_exchanged(self) -> None:
         """Quarantine rows whose targets are exchanged; refuse the file where most rows are so."""
-        names, places_m = self.found.measured.target_names, self.found.measured.places_m
+        names = self.found.measured.target_names
+        if len(names) > 2:
+            orders = exchanged_by_distances(self.found.measured.places_m)
+            swapped = np.array([order is not None for order in orders])
+            self.quarantine(
+                swapped, EXCHANGED, [exchange_text(order, names) for order in orders[swapped]]
+            )
+        places_m = self.found.measured.places_m
         modelled = nominal_places(self.T_base_ee, places_m) if len(names) > 1 else None
         if modelled is None:
             return
