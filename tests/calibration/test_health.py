@@ -33,7 +33,7 @@ def ended(poses=40, unknowns=6, told=None, named="delta_a", at_bound=None, steps
     flat = white[:, :, :told].reshape(-1, told)
     covariance = np.zeros((unknowns, unknowns))
     covariance[:told, :told] = np.linalg.inv(flat.T @ flat)
-    roles = ["weight" if named == "weight" else "link"] * unknowns
+    roles = [named if named in ("weight", "target") else "link"] * unknowns
     departures = {f"delta_a_{k}": f"a_{k}" for k in range(1, unknowns + 1)}
     if at_bound is not None:
         parameters = (replace(parameters[0], name=at_bound), *parameters[1:])
@@ -148,6 +148,7 @@ BAD = HeldOut(accuracy(0.04, 0.1, 0.05, 60))
         ({"told": 5}, {}, "few_poses", "not identifiable with these poses: delta_a_6"),
         ({"told": 3}, {}, "few_poses", "identify 3 of 6"),
         ({"told": 5, "named": "weight"}, {}, "few_poses", "state the mass of the tool"),
+        ({"told": 5, "named": "target"}, {}, "few_poses", "are not seen in these poses"),
         ({"poses": 8}, {"wanted_mm": 0.006}, "few_poses", "more poses would reach 0.006 mm"),
         # incomplete
         ({}, {"noise_mm": 0.004}, "incomplete", "4.3 times the stated noise of 0.004 mm"),

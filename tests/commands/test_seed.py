@@ -204,6 +204,24 @@ def test_what_nobody_stated_is_not_said_to_be_stated(tmp_path, capsys):
     assert "stated" not in said
 
 
+def test_a_target_of_a_tool_for_a_load_is_located_by_poses_under_that_load(tmp_path):
+    raw = sighted(tmp_path, "points", poses=80)
+    load, last = raw.column("load_N"), raw.column("T3_x_mm")
+    for at, line in enumerate(raw.poses[1:], start=1):
+        cells = line.split(",")
+        cells[load] = ("0", "20", "30", "40")[at % 4]
+        if at % 4 < 2:  # the lower loads are carried by a tool without the third target
+            cells[last : last + 3] = [""] * 3
+        raw.poses[at] = ",".join(cells)
+    _, path = run(raw.write(), tmp_path)
+    record = read(path)
+    places = [record["p_ee_targets_m"][name] for name in ("T1", "T2", "T3")]
+    np.testing.assert_allclose(places, raw.p_ee_m, atol=1e-6)
+    assert record["origin_from"] == "grid poses at the lowest load of every target"
+    of_a_load = 16  # of 80 poses, one in five held out
+    assert of_a_load < record["origin_poses"] <= 2 * of_a_load
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("stated", [False, True])
 def test_the_fixed_point_of_distances_is_found(tmp_path, capsys, stated):

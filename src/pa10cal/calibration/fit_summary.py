@@ -92,6 +92,13 @@ class FitSummary:
         """Return the names of the parameters with one of these roles."""
         return names_of(self.parameters, np.array([role in roles for role in self.roles], bool))
 
+    @property
+    def targets_not_seen(self) -> tuple[str, ...]:
+        """Return the names of coordinates of targets that no reading of the poses depends on."""
+        without_effect = ~self.white.any(axis=(0, 1))
+        of_target = np.array([role == "target" for role in self.roles], dtype=bool)
+        return names_of(self.parameters, of_target & without_effect)
+
 
 def correlated(ended: FitSummary) -> tuple[records.CorrelatedPair, ...]:
     """Return pairs of highly correlated parameters as reported (stiffness, not windup)."""

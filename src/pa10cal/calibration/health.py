@@ -269,7 +269,9 @@ def _few(evidence: GradeEvidence) -> str:
     if not names:
         return ""
     turned_rad = evidence.turned_rad
-    if {*names} <= {*evidence.ended.having("weight")}:
+    if {*names} <= {*evidence.ended.targets_not_seen}:
+        remedy = "these targets are not seen in these poses; see the fit of all loads"
+    elif {*names} <= {*evidence.ended.having("weight")}:
         remedy = (
             "state the mass of the tool and its centre (tool in campaign.yaml), or measure under "
             "loads: joints as stiff as these hardly show weights"

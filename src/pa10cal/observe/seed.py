@@ -1,8 +1,9 @@
 """The base frame in the instrument's frame, and positions of targets, before any calibration.
 
 Straight moves along the base's x and y axes give its directions by equations (5)-(7) of the paper;
-without them the nominal arm is fitted to the measurements. Both use the poses at the lowest load,
-or where these are few those at every load.
+without them the nominal arm is fitted to the measurements. Both use the poses at the lowest load
+(of a target that is not seen there, at the lowest at which it is), or where these are few those at
+every load.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from pa10cal.options import BaseFrameOptions
 from pa10cal.results.calibration import BaseFrameRecord, StraightLine
 
 _UNLOADED, _EVERY_LOAD = "grid poses at the lowest load", "grid poses at every load"
+_UNLOADED_OF_EACH = "grid poses at the lowest load of every target"
 
 
 @dataclass(frozen=True)
@@ -57,7 +59,11 @@ def locate_base(
     grid = average_repeats(every.of_kind("grid"))
     rows = least_loaded(grid)
     unloaded = grid.take(rows)
-    origin_from = _UNLOADED if np.array_equal(rows, _at_lowest_load(grid)) else _EVERY_LOAD
+    origin_from = _UNLOADED_OF_EACH
+    if np.array_equal(rows, _at_lowest_load(grid)):
+        origin_from = _UNLOADED
+    elif rows.all():
+        origin_from = _EVERY_LOAD
     line_x, line_y = (average_repeats(every.of_kind(kind)) for kind in ("line_x", "line_y"))
     if every.measured.uses_lines:
         _refuse_one_move(len(line_x), len(line_y), where)
@@ -86,7 +92,8 @@ def locate_base(
 def least_loaded(grid: Observations) -> NDArray[np.bool_]:
     """Return which poses have the lowest load of their own campaign, (P,); where few do, all of it.
 
-    They are few where they are not twice as many as determine frames and targets.
+    They are few where they are not twice as many as determine frames and targets. A target that is
+    not seen in them, such as one of another tool, adds its poses with the lowest load.
     """
     rows, campaign = _at_lowest_load(grid), campaign_numbers(grid.states)
     parts = [part for _, part in grid.measured.campaigns] or [grid.measured]
@@ -95,15 +102,29 @@ def least_loaded(grid: Observations) -> NDArray[np.bool_]:
         # `least_rows` are four times as many
         if 2 * len(np.unique(grid.pose[rows & of_campaign])) < part.least_rows:
             rows = rows | of_campaign
+    seen = _targets_seen(grid)
+    for of_target in seen.T[~seen[rows].any(axis=0)]:
+        rows = rows | of_target & _at_lowest_load(grid, among=of_target)
     return rows
 
 
-def _at_lowest_load(grid: Observations) -> NDArray[np.bool_]:
-    """Return which poses have the lowest load of their own campaign, (P,)."""
-    load_N, campaign = grid.states.load_N, grid.states.campaign
-    if campaign is None:
-        return np.asarray(load_N == load_N.min())
-    lowest_N = np.full(campaign.max() + 1, np.inf)
+def _targets_seen(grid: Observations) -> NDArray[np.bool_]:
+    """Return which targets, of all that are named, were seen in each pose, (P, B)."""
+    targets = len(grid.measured.target_names)
+    return np.asarray(np.isfinite(grid.measured.places_m[:, :targets]).all(axis=2))
+
+
+def _at_lowest_load(
+    grid: Observations, among: NDArray[np.bool_] | None = None
+) -> NDArray[np.bool_]:
+    """Return which poses have the lowest load of their own campaign, (P,).
+
+    Args:
+        among: (P,) poses among which the lowest is sought; None for all.
+    """
+    campaign = campaign_numbers(grid.states)
+    load_N = np.where(True if among is None else among, grid.states.load_N, np.inf)
+    lowest_N = np.full(campaign.max(initial=0) + 1, np.inf)
     np.minimum.at(lowest_N, campaign, load_N)
     return np.asarray(load_N == lowest_N[campaign])
 
