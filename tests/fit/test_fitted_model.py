@@ -137,15 +137,20 @@ def links_and_tool(arm):
     return (*links_only(arm), tool_frame())
 
 
-def test_the_flange_is_the_flange_and_the_tool_hangs_on_it():
+def test_the_flange_is_the_flange_and_the_tool_hangs_on_it(tmp_path):
     model = fitted("iiwa14", 4, links_and_tool)
     model.x[model.model.columns_of(model.model.terms[1])] = [0.1, 0.02, 0.2, 0.0, 0.0, 0.0]
     turned = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     model = replace(model, R_ee_target=turned)
+    elsewhere = np.eye(4)
+    elsewhere[:3, 3] = [0.0, 7e-5, 0.0]
+    model = replace(model, T_end_shown=elsewhere)
+    save_model(model, tmp_path / "model.yaml")
+    model = load_model(tmp_path / "model.yaml")
     q = postures(model.arm, 5)
     flange, tool = model.predict(q).T, model.predict(q, frame="tool").T
     T = np.eye(4)
-    T[:3, :3], T[:3, 3] = turned, [0.1, 0.02, 0.2]
+    T[:3, :3], T[:3, 3] = turned, [0.1, 0.02 + 7e-5, 0.2]
     np.testing.assert_allclose(flange @ T, tool, atol=1e-12)
 
 

@@ -420,7 +420,7 @@ def with_other_readings(found: Verdict) -> Verdict:
         about = fitted_instead(found, finding, finding.exchanged_for(other))
     if about is None:
         return found
-    model = about.scorer.extended.fitted()
+    model = about.with_targets_off(about.scorer.extended.fitted())
     if found.predicted is not None:
         model = with_field(model, found.predicted.fit)
     model = replace(model, covariance=None)

@@ -33,7 +33,7 @@ from pa10cal.discovery.evidence.by_repeats import fit_given
 from pa10cal.discovery.evidence.fit import covariance_of, targets_off_m
 from pa10cal.discovery.evidence.problem import prepare
 from pa10cal.discovery.finding import effect_parameters, is_named, label_of
-from pa10cal.discovery.model_with_effects import ModelWithEffects, held_unknowns
+from pa10cal.discovery.model_with_effects import ModelWithEffects, held_unknowns, with_targets_off
 from pa10cal.discovery.noise import whitener_of
 from pa10cal.discovery.preparation import MeasurementSetup, Prepared, complete, prepared, setup_of
 from pa10cal.discovery.residual_candidates import gear_lines
@@ -337,7 +337,8 @@ def _may_be_zero(fit: _Fit) -> Iterator[tuple[Effect, str]]:
 
 def _graded(campaign: Prepared, fit: _Fit, grading: Grading) -> EffectCalibration:
     """Return the calibration by a fit, with its grade."""
-    model = replace(fit.extended.fitted(fit.covariance), targets_off_m=fit.targets_off_m)
+    fitted, apparatus_m = fit.extended.fitted(fit.covariance), campaign.setup.apparatus_m
+    model = with_targets_off(fitted, fit.targets_off_m, apparatus_m, fit.poses)
     readings = campaign.readings
     poses = complete(average_repeats(readings), campaign.baseline, campaign.setup, model)
     labels = zip(poses.pose.tolist(), poses.states.load_N.tolist(), strict=True)

@@ -5,15 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.stats import chi2
 
 from pa10cal.arm.chain import BASE
-from pa10cal.arrays import Array, Index, Mask
+from pa10cal.arrays import Array, Index, Mask, homogeneous, nearest_rotation
 from pa10cal.calibration.general.unknowns import ChosenUnknowns, choose_unknowns
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.numerics.least_squares import Bounds
 from pa10cal.observe.instrument import Instrument
+from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Start
 from pa10cal.options import Tolerances
+from pa10cal.rules import SCATTER
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.model import Model
 from pa10cal.terms.offsets import base_frame, motion_of_base
@@ -139,6 +142,31 @@ def with_unknowns(at: FittedModel, x: Array) -> FittedModel:
     """Return a model with other values of `all_unknowns`, (k + t,)."""
     k = len(at.model.parameters)
     return replace(at, x=x[:k], targets_m=x[k:])
+
+
+def with_targets_off(
+    fitted: FittedModel, off_m: Array, apparatus_m: float, poses: Observations
+) -> FittedModel:
+    """Return a model with errors of the stated places of an apparatus' targets.
+
+    They move what the instrument reads. Where they are larger than places on an apparatus can be
+    uncertain, the arm's end is elsewhere than its rows have it, and `tool` is where they show it
+    (not of a group, where every campaign may have an apparatus of its own).
+
+    Args:
+        off_m: (a,) errors of stated coordinates [m]; empty without an apparatus.
+        apparatus_m: standard uncertainty of these.
+        poses: complete poses that show them.
+    """
+    fitted, errors = replace(fitted, targets_off_m=off_m), off_m / apparatus_m
+    if poses.measured.campaigns or errors @ errors <= chi2.ppf(
+        1.0 - SCATTER.accused_rate, max(len(errors), 1)
+    ):
+        return fitted
+    T_base_ee = fitted.model.predict(poses.states, fitted.x)
+    shown = np.linalg.inv(T_base_ee) @ fitted.as_read(poses)
+    R = nearest_rotation(shown[:, :3, :3].mean(axis=0))
+    return replace(fitted, T_end_shown=homogeneous(R, shown[:, :3, 3].mean(axis=0)))
 
 
 def moved_base(T_instr_base: Array, small: Array) -> Array:

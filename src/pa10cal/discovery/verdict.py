@@ -25,7 +25,7 @@ from pa10cal.discovery.field import FieldFit, with_field
 from pa10cal.discovery.finding import Finding, Untestable, is_named, label_of, name_of
 from pa10cal.discovery.gap import ErrorsByName, PairedErrors, errors_by_name, trusted
 from pa10cal.discovery.log_faults import DiagnosedFault, fault_of, log_is_to_be_checked
-from pa10cal.discovery.model_with_effects import ModelWithEffects
+from pa10cal.discovery.model_with_effects import ModelWithEffects, with_targets_off
 from pa10cal.discovery.pose_scatter import PoseDeviations
 from pa10cal.discovery.preparation import Prepared, complete
 from pa10cal.discovery.proof import ComplianceProof
@@ -413,16 +413,21 @@ class Verdict(Generic[S]):
                 falls_back = replace(falls_back, model=with_fit)
             else:
                 fitted = with_field(fitted, self.predicted.fit)
-        targets_stated = self.prepared.readings.measured.by_stated_targets.shape[2]
+        fitted = self.with_targets_off(fitted)
         return replace(
             fitted,
             fitted_to=self._fitted_to(),
-            targets_off_m=self.scorer.targets_off_m(targets_stated),
             seen=self.baseline.seen if self.scorer.seen is None else self.scorer.seen,
             discrepancy=self._in_doubt(self._discrepancy_of(fitted)),
             falls_back=falls_back,
             otherwise=self.otherwise,
         )
+
+    def with_targets_off(self, fitted: FittedModel) -> FittedModel:
+        """Return a model with the errors of the targets' stated places on their apparatus."""
+        stated = self.prepared.readings.measured.by_stated_targets.shape[2]
+        off_m = self.scorer.targets_off_m(stated)
+        return with_targets_off(fitted, off_m, self.prepared.setup.apparatus_m, self.train.poses)
 
     def _discrepancy_of(self, fitted: FittedModel) -> Discrepancy | None:
         """Return what a model lacks by the fitted poses, and by those held out of this campaign."""

@@ -120,7 +120,21 @@ def extended_record(
         arrival_from_order=verdict.arrival_from_order,
         steps_s=steps_told(found.faults) or None,
         named=verdict.effects,
-        warnings=(*warnings_of(verdict), *_confirmed(found)),
+        warnings=(*warnings_of(verdict), *_confirmed(found), *_end_elsewhere(found)),
+    )
+
+
+def _end_elsewhere(found: Verdict) -> Iterator[str]:
+    """Yield where targets on an apparatus show the end, where it is not where its rows have it."""
+    shown, off_m = found.model.T_end_shown[:3, 3], found.model.targets_off_m
+    if np.array_equal(found.model.T_end_shown, np.eye(4)):
+        return
+    x, y, z = 1e3 * shown
+    yield (
+        f"the balls would be up to {1e3 * np.abs(off_m).max():.3f} mm off their stated places, "
+        f"which are known to {1e3 * found.prepared.setup.apparatus_m:.3f} mm: the end is elsewhere "
+        f"than the arm's rows have it, by ({x:.3f}, {y:.3f}, {z:.3f}) mm along its axes; the tool "
+        "is predicted there, the flange is not"
     )
 
 

@@ -374,6 +374,7 @@ class RowsAboutFit:
             weight: (P, b) root weights; None for those by the residuals.
             expected: prior of the model's parameters besides the rows; None for none.
         """
+        poses = replace(poses, measured=poses.measured.of_end(model.T_end_shown))
         at, free = _with_maps_held(model)
         x = np.concatenate([model.x[free], np.zeros(len(BASE))])
         measured, count = poses.measured, len(model.targets_m)

@@ -293,6 +293,9 @@ class Fitted:
     # (a,) deviations of an apparatus' targets from their stated positions, which move the poses
     # measured by them; empty where not known
     targets_off_m: Array = field(default_factory=lambda: np.zeros(0))
+    # (4, 4) the end that these targets show in the end of the chain [m], where they are further off
+    # than places on an apparatus are: then it is the arm's end that is elsewhere
+    T_end_shown: Array = field(default_factory=lambda: np.eye(4))
     # (k + 6 + t, k + 6 + t) of x, of six small motions of the base (the chain's `BASE`) and of the
     # targets' coordinates; None where not known. The joint covariance is needed since parameters of
     # arm, base and targets, such as the zero of joint 1 and the yaw of the base, are correlated:

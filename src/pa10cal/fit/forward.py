@@ -171,6 +171,7 @@ class Forward:
             campaign = "" if tool_term is None else tool_term.name
             R_target = model.R_first_target_of.get(campaign, np.eye(3))
             T_end_frame[:3, :3] = model.R_ee_target @ R_target
+            T_end_frame = model.T_end_shown @ T_end_frame
         elif frame != FLANGE:
             name = frame.removeprefix(TARGET)
             row = model.target_names.index(name) if frame != TOOL_FRAME else 0

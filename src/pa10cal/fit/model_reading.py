@@ -174,6 +174,7 @@ def model_from_plain(
             ),
             target_names=tuple(targets),
             targets_off_m=finite(content["targets_off_m"], "targets_off_m"),
+            T_end_shown=pose_from_plain(tool.get("T_end_shown", np.eye(4).tolist()), "T_end_shown"),
             covariance=covariance,
             payload=None if payload is None else payload_from_plain(payload),
             fitted_to=None if fitted is None else FittedTo.model_validate(fitted),

@@ -88,6 +88,8 @@ def _frames_to_plain(model: Fitted) -> dict[str, Any]:
         tool["R_first_target_of"] = {
             campaign: R.tolist() for campaign, R in model.R_first_target_of.items()
         }
+    if not np.array_equal(model.T_end_shown, np.eye(4)):
+        tool["T_end_shown"] = model.T_end_shown.tolist()
     targets_m = model.targets_m.reshape(-1, 3).tolist()
     return {
         "T_instr_base": model.T_instr_base.tolist(),

@@ -373,6 +373,13 @@ class Instrument(ABC):
         """Return the measurements with orientations of the end-effector, not of the target."""
         return self
 
+    def of_end(self, T_end_shown: Array) -> Self:
+        """Return the measurements of an end in which targets show another, at T_end_shown (4, 4).
+
+        None but those of an apparatus' targets show another.
+        """
+        return self
+
     @property
     def attitudes(self) -> Array | None:
         """Return the measured orientations (P, 3, 3); None where not measured."""

@@ -256,6 +256,9 @@ class Pose(Instrument):
         axes = None if self.inverse_axes is None else R_ee_target @ self.inverse_axes
         return replace(self, T_instr_target=T, inverse_axes=axes)
 
+    def of_end(self, T_end_shown: Array) -> Self:
+        return replace(self, T_instr_target=self.T_instr_target @ np.linalg.inv(T_end_shown))
+
     @property
     def attitudes(self) -> Array:
         return self.T_instr_target[:, :3, :3]

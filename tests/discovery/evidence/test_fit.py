@@ -16,7 +16,12 @@ from pa10cal.discovery.evidence.fit import (
     torque_rows,
 )
 from pa10cal.discovery.evidence.noise_model import NO_SHARED_ERROR
-from pa10cal.discovery.model_with_effects import with_base_motion, with_unknowns
+from pa10cal.discovery.model_with_effects import (
+    with_base_motion,
+    with_targets_off,
+    with_unknowns,
+)
+from pa10cal.fit.discrepancy import RowsAboutFit
 from pa10cal.fit.problem import possible_sizes
 
 #: What moves poses, what shows in torques by way of a spring, what the joint carries, what bends
@@ -176,6 +181,31 @@ class TestTargetsOffTheirPlaces:
         problem = replace(moved.problem, setup=setup)
         without = scored(problem, moved.start).gap_on(moved.held_out)
         assert without.after.mean_mm > 2.0 * with_places.after.mean_mm
+
+    def test_places_further_off_than_an_apparatus_is_are_the_end_s(self, moved):
+        poses, payload = moved.problem.cells, moved.problem.setup.payload
+        fitted = replace(moved.start.at, payload=payload)
+        off_m = targets_off_m(moved.problem, moved.start)
+        on_apparatus = with_targets_off(fitted, off_m, 50e-6, poses)
+        np.testing.assert_array_equal(on_apparatus.T_end_shown, np.eye(4))
+        shown = with_targets_off(fitted, off_m, 2e-6, poses)
+        measured = np.linalg.inv(fitted.T_instr_base) @ poses.measured.T_instr_target
+
+        def predicted_m(frame):
+            q, load_N = poses.states.q_rad, poses.states.load_N
+            return shown.predict(q, frame=frame, load_N=load_N, extrapolate=True).T[:, :3, 3]
+
+        tool, flange = (
+            np.linalg.norm(predicted_m(frame) - measured[:, :3, 3], axis=1).mean()
+            for frame in ("tool", "flange")
+        )
+        assert tool < 0.5 * flange
+        of_record_m = shown.as_read(poses)[:, :3, 3]
+        np.testing.assert_allclose(predicted_m("tool"), of_record_m, atol=2e-6)
+        # What the model lacks is reckoned about the end that is shown.
+        rows = [RowsAboutFit.of(each, poses) for each in (on_apparatus, shown)]
+        left = [np.sum((each.to_mm * each.residual) ** 2) for each in rows]
+        assert left[1] < 0.5**2 * left[0]
 
     def test_nothing_off_changes_nothing(self, moved):
         T = moved.start.model.predict(moved.problem.cells.states, moved.start.x)

@@ -144,6 +144,7 @@ def refit_frames(model: F, observations: Observations, cuts_s: Sequence[float] =
         targets_m=found.problem.places_at(x),
         target_names=observations.measured.target_names,
         targets_off_m=np.zeros(0),
+        T_end_shown=np.eye(4),
         falls_back=falls_back,
         otherwise=None,
     )
