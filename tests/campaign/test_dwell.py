@@ -8,7 +8,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drawn_examples import examples
-from pa10cal.campaign.dwells import Samples, best_clock_offset, find_dwells, while_loaded
+from pa10cal.campaign.dwells import (
+    Samples,
+    best_clock_offset,
+    find_dwells,
+    offset_ranges,
+    stations_of,
+    while_loaded,
+)
+from pa10cal.campaign.streams import reading_dwells
 
 STILL = 0.02
 
@@ -98,6 +106,9 @@ def test_a_load_changed_while_the_arm_stands_has_torques_of_its_own():
     np.testing.assert_allclose(stood.q_deg[:, 0], [0, 0, 0, 1, 1, 1, 2])
     np.testing.assert_array_equal(stood.arrival, dwells.arrival[of])
     np.testing.assert_array_equal(stood.tau_Nm[6], dwells.tau_Nm[2])
+    np.testing.assert_allclose(stood.start_s, begin_s)
+    np.testing.assert_allclose(stood.end_s[:6], end_s[:6])
+    np.testing.assert_allclose(samples.time_s[stood.first], begin_s)
     briefly = while_loaded(samples, dwells, of, load_N, begin_s, begin_s)
     np.testing.assert_array_equal(briefly.samples, [2, 3, 3, 2, 3, 3, 20])  # the nearest ones
 
@@ -119,6 +130,13 @@ def test_arrival_is_the_sign_of_the_last_real_movement(approach_deg, arrival):
     np.testing.assert_array_equal(readings.arrival, [arrival])
 
 
+def test_a_joint_that_came_within_one_interval_of_the_log_arrived_from_there():
+    q_deg = np.repeat([0.0, 3.0, 6.0, 10.0, 5.0, 9.0], [10, 1, 1, 10, 10, 10])
+    samples = log(np.arange(len(q_deg)), np.column_stack([q_deg, np.full(len(q_deg), 2.0)]))
+    dwells = find_dwells(samples, STILL)
+    np.testing.assert_array_equal(dwells.arrival.T, [[0, 1, -1, 1], [0, 0, 0, 0]])
+
+
 def test_without_an_approach_the_arrival_is_zero():
     samples = log(np.arange(5.0), np.zeros((5, 2)))
     readings = find_dwells(samples, STILL)
@@ -136,3 +154,57 @@ def test_finds_a_clock_offset_to_within_the_slack_of_the_dwells(offset):
     offset_s, inside = best_clock_offset(touches - offset, dwells)
     assert offset_s == pytest.approx(offset, abs=2.5)
     assert inside == 1.0
+
+
+def six_stands(rate_s, ways, noise, seed=0):
+    """Times and positions: six stands of 10 s, after 5 s each on the way, in every column."""
+    time_s = np.arange(0.0, 90.0, rate_s)
+    done = np.minimum(time_s % 15.0 / 5.0, 1.0) + time_s // 15.0
+    rng = np.random.default_rng(seed)
+    return time_s, done[:, None] * ways + rng.normal(0, noise, (len(time_s), len(ways)))
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("noise_mm", [0.05, 0.2])
+def test_a_distance_that_scatters_stays_within_its_stand(noise_mm, seed):
+    time_s, p_mm = six_stands(0.05, [50.0], noise_mm, seed)
+    assert len(reading_dwells(time_s, p_mm)) == 6
+
+
+@pytest.mark.parametrize(
+    ("rate_s", "noise_deg"),
+    [(0.1, [0.002]), (0.1, [0.01]), (0.1, [1e-5, 1e-5, 1e-5, 0.01]), (0.002, [0.002])],
+)
+def test_the_joint_that_scatters_most_does_not_part_a_stand(rate_s, noise_deg):
+    time_s, q_deg = six_stands(rate_s, np.full(len(noise_deg), 10.0), noise_deg)
+    assert len(stations_of(log(time_s, q_deg), 6, STILL)) == 6
+
+
+def test_samples_seconds_apart_scatter_as_much_as_others():
+    time_s, q_deg = six_stands(0.1, np.full(3, 10.0), 0.01)
+    assert len(stations_of(log(50.0 * time_s, q_deg), 6, STILL)) == 6
+
+
+@pytest.mark.parametrize("rate_s", [0.1, 0.01, 0.002])
+@pytest.mark.parametrize("step_deg", [0.005, 0.01, 0.05])
+@pytest.mark.parametrize("noise_deg", [0.001, 0.005])
+def test_a_last_digit_that_goes_there_and_back_is_no_movement(rate_s, step_deg, noise_deg):
+    time_s, q_deg = six_stands(rate_s, np.array([10.0, 0.0, -7.0]), noise_deg)
+    q_deg[:, 1] += 5.0035
+    samples = log(time_s, step_deg * np.round(q_deg / step_deg))
+    stations = stations_of(samples, 6, STILL)
+    assert len(stations) == 6
+    np.testing.assert_array_equal(stations.arrival[1:], np.tile([1.0, 0.0, -1.0], (5, 1)))
+
+
+def test_poses_in_turn_are_no_rounding():
+    """Two joints on a grid of commands, without noise, logged three times a pose."""
+    q_deg = np.repeat([[a, b] for a in (0.0, 45.0, 90.0) for b in (0.0, 45.0) * 2], 3, axis=0)
+    assert len(stations_of(log(np.arange(len(q_deg)), q_deg), 12, STILL)) == 12
+
+
+def test_without_samples_or_times_there_is_nothing():
+    none = stations_of(log(np.zeros(0), np.zeros((0, 2))), 0, STILL)
+    assert len(none) == 0
+    assert offset_ranges(none, np.arange(3.0)) == []
+    assert offset_ranges(find_dwells(stops(0.2), STILL), np.zeros(0)) == []

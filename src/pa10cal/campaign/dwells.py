@@ -23,11 +23,19 @@ REAL_SIGMAS, REAL_S = 10.0, 0.1
 COMPARED = 250
 #: A log with so many samples a reading is one of motion, not a list of poses.
 DENSE = 3.0
-#: Readings of a joint at rest differ by at most so many times the median of their small steps.
-SCATTER = 6.0
-#: Part of the time that the arm is at rest, at least; the quantile that is scatter even where it
-#: rests more briefly, and the factor from that quantile to an upper bound of the median.
-STANDS, BRIEFLY, SCATTER_BRIEFLY = 0.2, 0.05, 1.8
+#: Part of the time that the arm is at rest, at least; the quantile of steps that is scatter even
+#: where it rests more briefly. Readings at rest differ by at most so many times either quantile of
+#: the largest steps of several columns.
+STANDS, BRIEFLY = 0.2, 0.05
+SCATTER_OF_STANDS, SCATTER_BRIEFLY = 6.0, 10.8
+#: Steps near zero are common where fewer columns than this scatter. Readings at rest differ there
+#: by at most so many standard deviations of a step, and these by so many times the brief quantile.
+FEW_COLUMNS, SCATTER_SIGMAS, MOST_OF_BRIEFLY = 2.5, 4.8, 200.0
+#: Estimates of that limit until it stays, at most.
+ESTIMATES = 30
+#: A column is rounded to its smallest difference [deg, mm], which is no larger than this, if those
+#: up to so many times it are whole numbers of it within this part.
+COARSEST, SMALL, WHOLE = 1.0, 20.0, 0.05
 
 
 @dataclass(frozen=True)
@@ -92,16 +100,20 @@ def find_dwells(
 
     The limit is `ingest.still_speed_deg_s`; speeds are averaged over at least `window_s`.
 
-    The approach of a dwell is what was logged since the dwell before. A joint's direction of
+    The approach of a dwell begins with the last sample of the dwell before. A joint's direction of
     arrival is the sign of its mean position in the dwell minus that of the last sample of the
     approach that differs from the mean by more than noise.
     """
     time_s, q_deg = samples.time_s, samples.q_deg
     steps_s = np.diff(time_s)
-    travel = np.abs(np.diff(q_deg, axis=0))
+    way = np.diff(q_deg, axis=0)
+    travel = np.abs(way)
     slow = _slow_intervals(time_s, q_deg, still_speed_deg_s, window_s)
-    # Standard deviation of one reading: that of differences of neighbours at rest over root two.
-    noise = MEDIAN_TO_SIGMA * np.median(travel[slow], axis=0) / np.sqrt(2.0) if slow.any() else 0.0
+    noise = _rounding(way) / np.sqrt(12.0)
+    if slow.any():
+        # Standard deviation of one reading: that of differences of neighbours at rest over root 2.
+        of_readings = MEDIAN_TO_SIGMA * np.median(travel[slow], axis=0) / np.sqrt(2.0)
+        noise = np.maximum(noise, of_readings)
     least = np.full(q_deg.shape[1], REAL_S * still_speed_deg_s)
     real_deg = np.maximum(REAL_SIGMAS * noise, least)
     if len(steps_s):
@@ -114,12 +126,13 @@ def find_dwells(
     dwell = of_sample[at_rest]
     _, begins, count = np.unique(dwell, return_index=True, return_counts=True)
     first = at_rest[begins]
+    last = at_rest[begins + count - 1]
     mean_deg, q_u_deg = _mean(q_deg[at_rest], dwell, count)
     tau_Nm, tau_u_Nm = _mean(samples.tau_Nm[at_rest], dwell, count)
     temperature_C, _ = _mean(samples.temperature_C[at_rest, None], dwell, count)
     return Stations(
         time_s[first],
-        time_s[first + count - 1],
+        time_s[last],
         first,
         of_sample,
         count,
@@ -128,7 +141,7 @@ def find_dwells(
         tau_Nm,
         tau_u_Nm,
         temperature_C[:, 0],
-        _arrival(q_deg, np.flatnonzero(of_sample < 0), first, mean_deg, real_deg),
+        _arrival(q_deg, np.union1d(np.flatnonzero(of_sample < 0), last), first, mean_deg, real_deg),
     )
 
 
@@ -152,8 +165,9 @@ def while_loaded(
         end_s: (U,) time of its last reading.
     """
     found = stations.take(station)
-    loads = np.unique(np.column_stack([station, load_N]), axis=0)[:, 0]
-    changed = np.flatnonzero(np.isin(station, loads[:-1][np.diff(loads) == 0.0]))
+    # A station stands here once for each of its loads.
+    of_load = np.unique(np.column_stack([station, load_N]), axis=0)[:, 0]
+    changed = np.flatnonzero(np.isin(station, of_load[:-1][np.diff(of_load) == 0.0]))
     parts = []
     for use in changed:
         own = np.flatnonzero(stations.of_sample == station[use])
@@ -172,6 +186,9 @@ def while_loaded(
         mean[changed], u[changed] = _mean(values[rows], part, count)
     found.temperature_C[changed] = _mean(samples.temperature_C[rows, None], part, count)[0][:, 0]
     found.samples[changed] = count
+    first, last = np.array([part[[0, -1]] for part in parts]).T
+    found.first[changed] = first
+    found.start_s[changed], found.end_s[changed] = samples.time_s[first], samples.time_s[last]
     return found
 
 
@@ -179,6 +196,7 @@ def best_clock_offset(time_s: Array, stations: Stations) -> tuple[float, float]:
     """Return the clock offset that brings most touches (N,) into dwells, and their share then.
 
     The offset is the middle of the range of such offsets; of several ranges the nearest to zero.
+    There must be one touch and one station at least.
     """
     ranges = offset_ranges(stations, time_s)
     offset_s = min((0.5 * (low + high) for low, high in ranges), key=abs)
@@ -192,8 +210,11 @@ def offset_ranges(
 
     Each pair of a time and a station allows an interval of offsets. Sweeping over the sorted ends
     of all intervals counts how many times an offset brings in. A range is returned where the count
-    is at least `nearly` times the largest, by its part with the highest count.
+    is at least `nearly` times the largest, by its part with the highest count. There is none
+    without times or stations.
     """
+    if not len(time_s) or not len(stations):
+        return []
     some = spread(len(time_s), COMPARED)
     low = (stations.start_s[:, None] - time_s[some]).ravel()
     high = (stations.end_s[:, None] - time_s[some]).ravel()
@@ -234,28 +255,32 @@ def _slow_intervals(time_s: Array, q_deg: Array, still_speed_deg_s: float, windo
 
 
 def _mean(values: Array, dwell: Index, count: NDArray[np.int64]) -> tuple[Array, Array]:
-    """Return the mean of values (N, m) over each dwell, and its standard uncertainty, (D, m)."""
+    """Return the mean of values (N, m) over each dwell, and its standard uncertainty, (D, m).
+
+    The uncertainty is nan of a single sample.
+    """
     mean = np.zeros((len(count), values.shape[1]))
     np.add.at(mean, dwell, values)
     mean /= count[:, None]
     square = np.zeros_like(mean)
     np.add.at(square, dwell, (values - mean[dwell]) ** 2)
-    return mean, np.sqrt(square / (count * (count - 1))[:, None])
+    pairs = np.where(count > 1, count * (count - 1.0), np.nan)
+    return mean, np.sqrt(square / pairs[:, None])
 
 
-def _arrival(q_deg: Array, moving: Index, first: Index, mean_deg: Array, real_deg: Array) -> Array:
+def _arrival(q_deg: Array, before: Index, first: Index, mean_deg: Array, real_deg: Array) -> Array:
     """Return the directions (K, n) of arrival; see `find_dwells`.
 
     Args:
         q_deg: (N, n) samples.
-        moving: samples while the arm moved.
+        before: samples of approaches: while the arm moved, and the last of each dwell.
         first: (K,) first sample of each dwell.
         mean_deg: (K, n) mean positions in the dwells.
         real_deg: (n,) movements above this are no noise.
     """
-    following = np.searchsorted(first, moving)  # dwell that follows each moving sample
-    moving, following = moving[following < len(first)], following[following < len(first)]
-    way_deg = mean_deg[following] - q_deg[moving]
+    following = np.searchsorted(first, before)  # dwell that follows each of them
+    before, following = before[following < len(first)], following[following < len(first)]
+    way_deg = mean_deg[following] - q_deg[before]
     rows, joints = np.nonzero(np.abs(way_deg) > real_deg)
     latest = np.full(mean_deg.shape, -1)
     np.maximum.at(latest, (following[rows], joints), rows)
@@ -264,15 +289,67 @@ def _arrival(q_deg: Array, moving: Index, first: Index, mean_deg: Array, real_de
     return np.where(latest >= 0, last, 0.0)
 
 
-def scatter_at_rest(travel: Array) -> float:
-    """Return the largest difference of two readings at rest, from steps (N,) between readings.
+def scatter_at_rest(way: Array) -> float:
+    """Return the largest difference of two readings at rest, from differences (N, m) of readings.
 
-    It is a multiple of the median of the smaller steps. Where the arm rests only briefly that
-    median is motion, so an estimate from a low quantile bounds it.
+    It is a multiple of a low quantile of the largest of the m differences. Where the arm rests only
+    briefly that quantile is motion, and a lower one bounds it.
     """
-    small = travel[travel <= np.quantile(travel, 2.0 * STANDS)]
-    briefly = SCATTER_BRIEFLY * float(np.quantile(travel, BRIEFLY))
-    return SCATTER * min(float(np.median(small)), briefly)
+    travel = np.abs(way).max(axis=1)
+    stands, briefly = np.quantile(travel, [STANDS, BRIEFLY]).tolist()
+    limit = min(SCATTER_OF_STANDS * stands, SCATTER_BRIEFLY * briefly)
+    rounding = float(_rounding(way).max())
+    if rounding or _scattering_columns(way[travel <= stands]) < FEW_COLUMNS:
+        limit = max(limit, _scatter_of_few_columns(travel, briefly, rounding))
+    return limit
+
+
+def _scattering_columns(way: Array) -> float:
+    """Return how many columns scatter, from differences at rest (N, m).
+
+    It is m where each is as often the largest, and 1 where one always is.
+    """
+    largest = np.bincount(np.abs(way).argmax(axis=1))
+    return float(largest.sum() ** 2 / np.sum(largest**2))
+
+
+def _scatter_of_few_columns(travel: Array, briefly: float, rounding: float) -> float:
+    """Return the largest difference of two readings at rest, from sizes of differences (N,).
+
+    It is a multiple of the median of all that it does not exceed: most of those are at rest, where
+    the arm rests for a part `STANDS` of the time. Where that grows until most are motion, the arm
+    rests more briefly. The quantile `briefly` and the median are known to half a step of rounding.
+    """
+    briefly = max(briefly, 0.5 * rounding)
+    limit = SCATTER_BRIEFLY * briefly
+    for _ in range(ESTIMATES):
+        usual = max(float(np.median(travel[travel <= limit])), 0.5 * rounding)
+        before, limit = limit, SCATTER_SIGMAS * MEDIAN_TO_SIGMA * usual
+        if limit > MOST_OF_BRIEFLY * briefly:
+            return SCATTER_BRIEFLY * briefly
+        if limit == before:
+            break
+    return limit
+
+
+def _rounding(way: Array) -> Array:
+    """Return the steps (m,) to which readings are rounded, by differences (N, m) of neighbours.
+
+    It is 0 of a column without a rounding, or in which none shows at rest: the last digit of an arm
+    that stands on the edge of a step goes there, back and there again.
+    """
+    found = np.zeros(way.shape[1])
+    for column, changes in enumerate(way.T):
+        changes = changes[changes != 0.0]
+        sizes = np.abs(changes)
+        step = float(sizes.min(initial=np.inf))
+        small = sizes[sizes < SMALL * step] / step
+        by_one = sizes < 1.5 * step
+        back = by_one[1:] & by_one[:-1] & (changes[1:] * changes[:-1] < 0.0)
+        is_whole = np.abs(small - np.round(small)) < WHOLE
+        if step <= COARSEST and (back[1:] & back[:-1]).any() and is_whole.all():
+            found[column] = step
+    return found
 
 
 def stations_of(
@@ -283,10 +360,10 @@ def stations_of(
     A log of motion has many samples for each of the readings. Its limit of speed is raised to the
     scatter of the joints' read-back.
     """
-    if len(samples) >= DENSE * readings:
-        step_s = np.diff(samples.time_s)
-        travel = np.abs(np.diff(samples.q_deg, axis=0)).max(axis=1, initial=0.0)
-        scatter_deg_s = scatter_at_rest(travel) / max(window_s, float(np.median(step_s)))
+    if len(samples) >= max(DENSE * readings, 2):
+        step_s = max(window_s, float(np.median(np.diff(samples.time_s))))
+        scatter = scatter_at_rest(np.diff(samples.q_deg, axis=0))
+        scatter_deg_s = scatter / min(step_s, CREEP_S)
         dwells = find_dwells(samples, max(still_deg_s, scatter_deg_s), window_s)
         if len(dwells) >= 2:
             return dwells

@@ -141,7 +141,7 @@ def _steps_of(time_s: Array, values: Array) -> _Steps:
     travel = np.abs(way).max(axis=1, initial=0.0)
     rest = np.zeros(len(travel), dtype=bool)
     if len(travel):
-        scatter = scatter_at_rest(travel)
+        scatter = scatter_at_rest(way)
         if scatter < _REST_PART * np.quantile(travel, _LARGER):
             rest = travel <= scatter
     return _Steps(np.diff(time_s[known]), way, rest)

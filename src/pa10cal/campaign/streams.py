@@ -124,8 +124,8 @@ def reading_dwells(time_s: Array, p_mm: Array, window_s: float = SPEED_WINDOW_S)
     within = np.flatnonzero(ahead < len(seen))
     if len(within) < 2:
         return _of_all(find_dwells(samples, STILL_MM_S, window_s), seen, len(time_s), least)
-    travel_mm = np.abs(smooth[ahead[within]] - smooth[within]).max(axis=1)
-    speed_mm_s = max(STILL_MM_S, scatter_at_rest(travel_mm) / window_s)
+    way_mm = smooth[ahead[within]] - smooth[within]
+    speed_mm_s = max(STILL_MM_S, scatter_at_rest(way_mm) / window_s)
     return _of_all(find_dwells(samples, speed_mm_s, window_s), seen, len(time_s), least)
 
 
