@@ -297,7 +297,7 @@ def scatter_at_rest(way: Array) -> float:
     """
     travel = np.abs(way).max(axis=1)
     stands, briefly = np.quantile(travel, [STANDS, BRIEFLY]).tolist()
-    limit = min(SCATTER_OF_STANDS * stands, SCATTER_BRIEFLY * briefly)
+    limit = float(min(SCATTER_OF_STANDS * stands, SCATTER_BRIEFLY * briefly))
     rounding = float(_rounding(way).max())
     if rounding or _scattering_columns(way[travel <= stands]) < FEW_COLUMNS:
         limit = max(limit, _scatter_of_few_columns(travel, briefly, rounding))

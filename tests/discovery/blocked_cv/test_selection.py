@@ -11,7 +11,7 @@ from pa10cal.discovery.blocked_cv.search import Search
 from pa10cal.discovery.rules import PROBABILITIES
 from pa10cal.results.discovery import Remaining, Tried
 from pa10cal.terms.effects.generic import WindupMap
-from pa10cal.terms.effects.joint import Backlash
+from pa10cal.terms.effects.joint import Backlash, JointCompliance
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
 
 BLOCKS, ROWS = 5, 40
@@ -270,3 +270,26 @@ def test_what_can_do_more_than_a_name_weighs_less_beside_one(found):
     of_map = 1.0 if found == JointErrorMap("joint 1") else PROBABILITIES.flexible
     weights = {each.effect: each.prior_odds for each in tried}
     assert weights == dict(zip(others, (1.0, PROBABILITIES.flexible, of_map), strict=True))
+
+
+@pytest.mark.parametrize(("of_spring", "names_found"), [(-3.0, False), (3.0, True)])
+def test_a_map_stays_where_a_name_in_its_place_has_an_impossible_sign(of_spring, names_found):
+    """The spring joins first, and the lost motion, whose sign is possible, joins last."""
+    rng = np.random.default_rng(7)
+    columns = rng.standard_normal((BLOCKS, 200, 4))
+    both = of_spring * columns[..., 2] + 2.0 * columns[..., 3]
+    columns[..., 1] = both + 0.02 * rng.standard_normal((BLOCKS, 200))
+    data = both + 0.1 * rng.standard_normal((BLOCKS, 200))
+    of_map, spring, lost_motion = (
+        JointErrorMap("joint 1"),
+        JointCompliance("joint 1", 100.0),
+        Backlash("joint 1"),
+    )
+    candidates = [
+        Candidate(np.array([at]), np.full(1, 10.0), ShapedEffect(effect))
+        for at, effect in enumerate((of_map, spring, lost_motion), start=1)
+    ]
+    own = Columns(np.array([0]), np.ones(1))
+    chosen = Search(products_of(columns, data), own, candidates, BLOCKS * 2.0, 0.01).run()
+    found = [member.effect for member in chosen.members]
+    assert found == ([spring, lost_motion] if names_found else [of_map])

@@ -188,6 +188,15 @@ class EffectSet:
             inverse[b, n:, n:] = schur
         return replace(self, members=(*self.members, candidate), inverse=inverse)
 
+    def is_within_bounds(self, member: int) -> bool:
+        """Return whether no parameter of a member is below its lower bound, if it has one."""
+        effect = self.members[member].effect
+        lower = [parameter.lower for parameter in effect.parameters[: effect.linear]]
+        if self.members[member].is_map or all(bound is None for bound in lower):
+            return True
+        x = effect.prior_factor @ self.solution.mean(axis=0)[self._places()[member]]
+        return all(bound is None or value >= bound for value, bound in zip(x, lower, strict=True))
+
     def without_member(self, member: int) -> EffectSet:
         """Return the set without one member."""
         of_member = self._places()[member]
@@ -290,15 +299,13 @@ def surely_worse(gain: Array) -> bool:
     return float(gain.sum()) < -BLOCKS.worse_errors * standard_error_of_sum(gain)
 
 
-def within_bounds(chosen: EffectSet) -> bool:
-    """Return whether the last member has a physically possible sign."""
-    effect = chosen.members[-1].effect
-    lower = [parameter.lower for parameter in effect.parameters[: effect.linear]]
-    if chosen.members[-1].is_map or all(bound is None for bound in lower):
-        return True
-    amounts = chosen.solution.mean(axis=0)[-effect.linear :]
-    x = effect.prior_factor @ amounts
-    return all(bound is None or value >= bound for value, bound in zip(x, lower, strict=True))
+def within_bounds(chosen: EffectSet, joined: int = 1) -> bool:
+    """Return whether the members that joined last have physically possible signs.
+
+    Those before them are not judged: one that stands for what has just joined may be about to
+    leave, and what stays to the end has its sign judged by the gates.
+    """
+    return all(map(chosen.is_within_bounds, range(len(chosen.members))[-joined:]))
 
 
 def both_kinds_agree(before: EffectSet, after: EffectSet) -> bool:

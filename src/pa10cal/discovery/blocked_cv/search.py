@@ -1,9 +1,9 @@
 """The search for the set of effects that predicts held-out blocks best.
 
-An effect has to predict the held-out blocks better than the model does without it: by more than
-three standard errors of the gain, from its scatter between blocks; by more than the chance gain of
-the best of so many candidates; and by a part of the remaining error over the noise, so that a small
-effect is not named where it may only replace another one that is missing.
+An effect has to predict the held-out blocks better than the model does without it: by some standard
+errors of the gain, from its scatter between blocks; by more than the chance gain of the best of so
+many candidates; and by a part of the remaining error over the noise, so that a small effect is not
+named where it may only replace another one that is missing.
 """
 
 from __future__ import annotations
@@ -52,9 +52,8 @@ class Search:
             family: the candidates, all forms of each.
             noise_squares: sum of squares that noise alone leaves.
             error_rate: probability allowed of naming anything where nothing is missing.
-            begins_with: effects that were found together as a set. Of these an effect that yields
-                or bends stays as long as it helps at all, since no other can replace it, and one of
-                time as long as it helps by `least_gain`, since evidence has decided already.
+            begins_with: effects that were found together as a set, which the search may remove;
+                less is asked of some of them (`_is_needed`).
         """
         self.family = tuple(family)
         self.begins_with = tuple((effect.id, effect.of) for effect in begins_with)
@@ -86,7 +85,12 @@ class Search:
         return surely_helps(before - after, self.least_gain, least_share * over_noise)
 
     def _is_needed(self, member: Candidate, without: Array, squares: Array) -> bool:
-        """Return whether held-out blocks are predicted enough worse without a member."""
+        """Return whether held-out blocks are predicted enough worse without a member.
+
+        Of the effects with which the search began, one that depends on time or temperature needs a
+        gain of `least_gain` and one standard error: evidence has decided already. One that yields
+        or bends needs no part of the remaining error, since no other can replace it.
+        """
         effect, known = member.effect, member.name in self.begins_with
         if known and effect.depends_on:
             # A few poses show it, so that its gain scatters from block to block.
@@ -220,7 +224,8 @@ class Search:
                 return None
             tried = tried.with_member(_best(tried, names))
             if self._do_as_well(tried, chosen, candidate):
-                possible = within_bounds(tried) and both_kinds_agree(rest, tried)
+                joined = len(tried.members) - len(rest.members)
+                possible = within_bounds(tried, joined) and both_kinds_agree(rest, tried)
                 without_names = tried.squares_without_each()[len(rest.members) :]
                 all_help = all(self.helps(without, tried.squares) for without in without_names)
                 return tried if possible and all_help else None
