@@ -1,6 +1,7 @@
 """Arms of robot_descriptions by name, and xacro, with small packages in place of both."""
 
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -38,6 +39,10 @@ class XacroDoc:
         return cls(text)
     def to_urdf_string(self): return self.text
 """
+PACKAGES = """
+def reset(): pass
+def update_package_cache(folders): assert not folders
+"""
 
 
 def forget():
@@ -63,7 +68,10 @@ def stand_ins(tmp_path, monkeypatch):
     }
     for name, text in files.items():
         (package / f"{name}.py").write_text(text)
-    (tmp_path / "site/xacrodoc.py").write_text(XACRODOC)
+    xacrodoc = tmp_path / "site/xacrodoc"
+    xacrodoc.mkdir()
+    (xacrodoc / "__init__.py").write_text(XACRODOC)
+    (xacrodoc / "packages.py").write_text(PACKAGES)
     cloned = tmp_path / "cache/robots"
     cloned.mkdir(parents=True)
     chain = Chain.of(load_arm("irb120"))
@@ -197,6 +205,12 @@ def test_a_xacro_file_is_imported_with_its_arguments(stand_ins, tmp_path, capsys
     assert '<robot name="a b">' in out.with_suffix(".urdf").read_text("utf-8")
 
 
+def test_a_xacro_file_is_found_by_a_path_from_here(stand_ins, monkeypatch):
+    monkeypatch.chdir(stand_ins)
+    text = known_arms.read_urdf(Path("cache/robots/folded.xacro"), {"name": "a"})
+    assert '<robot name="a">' in text
+
+
 @pytest.fixture
 def real_packages():
     pytest.importorskip("robot_descriptions")
@@ -226,3 +240,20 @@ def test_the_real_package_is_kept_from_fetching(real_packages, tmp_path, monkeyp
     q = np.random.default_rng(1).uniform(-1.0, 1.0, (5, 6))
     np.testing.assert_allclose(Chain.of(arm).forward(q), chain.forward(q), atol=1e-9)
     assert "from link base to link tool0" in arm.remarks[0]
+
+
+def test_packages_are_those_above_each_file_or_as_given(real_packages, tmp_path):
+    """Though an earlier file was of a package of the same name."""
+    space = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'
+    for owner in ("a", "b", "c"):
+        package = tmp_path / owner / "my_arm"
+        package.mkdir(parents=True)
+        (package / "package.xml").write_text("<package><name>my_arm</name></package>")
+        (package / "part.xacro").write_text(f'<robot {space}><link name="of_{owner}"/></robot>')
+        (package / "arm.urdf.xacro").write_text(
+            f'<robot name="r" {space}><xacro:include filename="$(find my_arm)/part.xacro"/></robot>'
+        )
+    given = {"my_arm": tmp_path / "c/my_arm"}
+    for owner, packages, part in (("a", {}, "a"), ("b", {}, "b"), ("b", given, "c"), ("a", {}, "a")):
+        file = tmp_path / owner / "my_arm/arm.urdf.xacro"
+        assert f'<link name="of_{part}"/>' in known_arms.expanded(file, {}, packages)

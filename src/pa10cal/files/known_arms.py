@@ -157,7 +157,7 @@ def expanded(
         path: the file; expressions in it are evaluated, and files that it includes are read.
         arguments: values of its arguments.
         packages: folders of the packages that it refers to, by their names; those above the file
-            are found without.
+            are found without. What an earlier call found is forgotten.
 
     Raises:
         ArmError: when it cannot be expanded.
@@ -166,12 +166,14 @@ def expanded(
     if find_spec("xacrodoc") is None:
         raise MissingPackageError("xacrodoc")
     xacrodoc: Any = import_module("xacrodoc")
-    if packages:
-        import_module("xacrodoc.packages").update_package_cache(dict(packages))
+    finder: Any = import_module("xacrodoc.packages")
+    finder.reset()
+    finder.update_package_cache(dict(packages or {}))
+    file = path.absolute()
     try:
-        with chdir(path.absolute().parent):  # what it includes is named from its own folder
+        with chdir(file.parent):  # what it includes is named from its own folder
             document = xacrodoc.XacroDoc.from_file(
-                str(path.absolute()), subargs=dict(arguments), resolve_packages=False
+                str(file), subargs=dict(arguments), resolve_packages=False
             )
             return str(document.to_urdf_string())
     except Exception as error:  # of xacro, of expressions, of files included: any kind
