@@ -116,6 +116,8 @@ def test_repeats_before_and_after_a_knock_are_not_pooled():
     np.testing.assert_allclose(found.repeatability.RP_mm, 0.0, atol=1e-9)
     off_mm = found.accuracy["linear"].rows.AP_xyz_mm
     np.testing.assert_allclose(off_mm[1] - off_mm[0], [2.0, 0.0, 0.0], atol=1e-9)
+    with pytest.raises(ValueError, match="of 3 configurations, which are not the 2 of"):
+        iso9283_record(CAMPAIGN, "combined", every, models, np.eye(3))
     why = iso9283_record(CAMPAIGN, "combined", every, models, np.eye(3), (3.5, 7.5)).note
     assert why.endswith("repeats between two sudden motions of base or instrument")
 
@@ -179,3 +181,22 @@ def test_repeats_without_a_target_in_all_of_them_are_not_called_too_few():
     every = Observations.single(np.full(count, "P1"), states, Points(("1", "2"), p_m, cov_m2, None))
     found = iso9283_record(CAMPAIGN, "combined", every, {"grid": {}}, np.eye(3))
     assert found.note == "no target was observed in all repeats of a configuration"
+
+
+def test_kinds_judged_by_different_models_are_refused():
+    every, models = repeated(5)
+    models = {"grid": models["grid"], "holdout": {}}
+    with pytest.raises(ValueError, match="judged by different models"):
+        iso9283_record(CAMPAIGN, "combined", every, models, np.eye(3))
+
+
+def test_a_group_that_repeats_distances_alone_says_so():
+    count = COMPARED.least_repeats
+    states = at_rest(np.zeros((count, 6)))
+    measured = Distance(np.ones(count), np.ones(count))
+    ranged = Observations.single(np.full(count, "a/P1"), states, measured)
+    seen = Points(("1",), np.ones((count, 1, 3)), np.tile(1e-8 * np.eye(3), (count, 1, 1, 1)), None)
+    located = Observations.single(np.char.add("b/P", np.arange(count).astype(str)), states, seen)
+    group = concatenated([ranged, located], ("a", "b"))
+    found = iso9283_record(CAMPAIGN, "combined", group, {"grid": {}}, np.eye(3))
+    assert found.note == "only distances were repeated, which show no position or orientation"

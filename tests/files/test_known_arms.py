@@ -254,6 +254,11 @@ def test_packages_are_those_above_each_file_or_as_given(real_packages, tmp_path)
             f'<robot name="r" {space}><xacro:include filename="$(find my_arm)/part.xacro"/></robot>'
         )
     given = {"my_arm": tmp_path / "c/my_arm"}
-    for owner, packages, part in (("a", {}, "a"), ("b", {}, "b"), ("b", given, "c"), ("a", {}, "a")):
+    for owner, packages, part in (
+        ("a", {}, "a"),
+        ("b", {}, "b"),
+        ("b", given, "c"),
+        ("a", {}, "a"),
+    ):
         file = tmp_path / owner / "my_arm/arm.urdf.xacro"
         assert f'<link name="of_{part}"/>' in known_arms.expanded(file, {}, packages)

@@ -63,13 +63,20 @@ def iso9283_record(
         R_instr_base: (3, 3); rotations are given along the axes of the base.
         cuts_s: when base or instrument moved suddenly; readings before and after such a time are
             of two configurations, in `judged` as well.
+
+    Raises:
+        ValueError: when the errors are of other configurations, or kinds were judged by different
+            models.
     """
     readings = {kind: every.of_kind(kind) for kind in judged}
     groups = {kind: reading_groups(single, cuts_s) for kind, single in readings.items()}
     chosen = {kind: _repeated(readings[kind], groups[kind]) for kind in groups}
     about = {"campaign": campaign.name, "provenance": campaign.provenance}
-    if note := _why_none(every, groups, chosen, moved=bool(cuts_s)):
+    if note := _why_none(every, readings, groups, chosen, moved=bool(cuts_s)):
         return results.Iso9283Record(**about, calibration=calibration, note=note)
+    names = _models_of_all(judged)
+    for kind, models in judged.items():
+        _refuse_other_configurations(models, readings[kind], groups[kind])
     arrivals = with_arrivals(every)[0]
     repeated = [
         row
@@ -79,7 +86,6 @@ def iso9283_record(
     # The column cannot hold an unknown direction: it is left out where that of one row is unknown.
     if any(row["one_direction"] is None for row in repeated):
         repeated = [row | {"one_direction": None} for row in repeated]
-    names = list(next(iter(judged.values())))  # every kind was judged by the same models
     return results.Iso9283Record(
         **about,
         calibration=calibration,
@@ -91,8 +97,34 @@ def iso9283_record(
     )
 
 
+def _models_of_all(judged: Mapping[str, Mapping[str, results.HeldOutModel]]) -> list[str]:
+    """Return the names of the models by which all kinds of poses were judged."""
+    by_kind = {kind: list(models) for kind, models in judged.items()}
+    names, *others = by_kind.values()
+    if any(set(other) != set(names) for other in others):
+        raise ValueError(f"kinds of poses were judged by different models: {by_kind}")
+    return names
+
+
+def _refuse_other_configurations(
+    models: Mapping[str, results.HeldOutModel],
+    single: Observations,
+    configuration: NDArray[np.intp],
+) -> None:
+    """Refuse errors of other configurations than those of single readings, or in another order."""
+    _, first = np.unique(configuration, return_index=True)
+    poses = single.pose[first]
+    for name, model in models.items():
+        if not np.array_equal(model.rows.pose, poses):
+            raise ValueError(
+                f"errors of the model {name} are of {len(model.rows.pose)} configurations, which "
+                f"are not the {len(poses)} of the readings: were both parted at the same times?"
+            )
+
+
 def _why_none(
     every: Observations,
+    readings: Mapping[str, Observations],
     groups: Mapping[str, NDArray[np.intp]],
     chosen: Mapping[str, NDArray[np.intp]],
     *,
@@ -101,6 +133,8 @@ def _why_none(
     """Return why there is neither accuracy nor repeatability; None where there is.
 
     Args:
+        every: single readings of all kinds.
+        readings: the same, by kind.
         groups: number of the configuration of each reading, by kind.
         chosen: numbers of those repeated enough, by kind.
         moved: whether base or instrument moved suddenly.
@@ -109,8 +143,14 @@ def _why_none(
         return "a distance alone shows neither the position nor the orientation attained"
     if any(map(len, chosen.values())):
         return None
-    counts = [np.bincount(numbers).max() for numbers in groups.values() if len(numbers)]
-    if max(counts, default=0) >= COMPARED.least_repeats:
+    enough = {kind: _enough_repeats(numbers) for kind, numbers in groups.items()}
+    if any(map(len, enough.values())):
+        places_m = [  # of a distance the first of three components
+            readings[kind].measured.places_m[np.isin(groups[kind], numbers)]
+            for kind, numbers in enough.items()
+        ]
+        if not any(np.isfinite(each_m).all(axis=2).any() for each_m in places_m):
+            return "only distances were repeated, which show no position or orientation"
         return "no target was observed in all repeats of a configuration"
     between = " between two sudden motions of base or instrument" if moved else ""
     return f"no configuration has {COMPARED.least_repeats} repeats{between}"
@@ -120,10 +160,15 @@ def _repeated(single: Observations, configuration: NDArray[np.intp]) -> NDArray[
     """Return the numbers of configurations with enough repeats that all see one target at least."""
     if not len(configuration) or not single.measured.directional:
         return np.zeros(0, dtype=np.intp)
-    enough = np.flatnonzero(np.bincount(configuration) >= COMPARED.least_repeats)
+    enough = _enough_repeats(configuration)
     seen = np.isfinite(single.measured.places_m)
     in_all = [k for k in enough if seen[configuration == k].all(axis=(0, 2)).any()]
     return np.array(in_all, dtype=np.intp)
+
+
+def _enough_repeats(configuration: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Return the numbers of configurations with enough readings, by that of each reading."""
+    return np.flatnonzero(np.bincount(configuration) >= COMPARED.least_repeats)
 
 
 def _repeatability(
