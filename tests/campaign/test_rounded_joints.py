@@ -10,6 +10,7 @@ import pytest
 from made_up_poses import at_rest
 from made_up_sightings import sighted
 from pa10cal.arm.chain import Chain
+from pa10cal.campaign import rounded_joints
 from pa10cal.campaign.rounded_joints import (
     Step,
     decimal_step,
@@ -51,6 +52,23 @@ def test_whole_counts_of_encoders_are_as_uncertain_as_their_rounding(tmp_path):
     with_columns(raw.poses, {f"u_q{joint}_deg": 0.01 for joint in range(1, 7)})
     stated = ingest(raw).observations.log.q_u_stated
     np.testing.assert_allclose(stated, np.radians(0.01))  # what is stated counts
+
+
+@pytest.mark.parametrize("places", [1, 5])
+def test_few_positions_of_an_axis_are_no_counts_and_take_no_time(monkeypatch, places):
+    """They are whole numbers of nearly any step; all were gone through, for seconds an axis."""
+    tried = []
+    right = rounded_joints._differ_by_whole
+    monkeypatch.setattr(
+        rounded_joints, "_differ_by_whole", lambda *given: tried.append(given) or right(*given)
+    )
+    rng = np.random.default_rng(4)
+    positions = 77.7 * rng.integers(0, places, 60) + rng.normal(0.0, 1e-5, 60)
+    assert rounding_step(positions, slides=False) is None
+    assert len(tried) < 100
+    # Enough of them are counts, whatever else the axis did.
+    counted = 360.0 / 7000 * np.append(rng.integers(0, 3000, 25), np.zeros(200))
+    assert rounding_step(counted, slides=False) == Step.of_counts(7000)
 
 
 @pytest.mark.parametrize("step_deg", [0.1, 0.5, 11.25, 45.0])

@@ -8,6 +8,7 @@ five hypotheses of the errors of joints, each beside noise of any size (`_times_
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Mapping
 from dataclasses import replace
 from types import MappingProxyType
@@ -156,17 +157,41 @@ def _fewest_counts(q_deg: Array, step_deg: float) -> int | None:
 
     Of those that are larger than a step.
     """
-    if len(q_deg) < _FEWEST_POSITIONS:
+    least = _fewest_that_part(q_deg)
+    if least is None:
         return None
     # The resultant length for so many counts a turn is that harmonic of a histogram over a turn.
     bins = (q_deg / 360.0 % 1.0 * _BINS).astype(np.intp) % _BINS
     resultant = np.abs(np.fft.rfft(np.bincount(bins, minlength=_BINS))) / len(q_deg)
-    for counts in np.flatnonzero(resultant[: _MOST_COUNTS + 1] > _LEAST_RESULTANT).tolist():
+    likely = np.flatnonzero(resultant[: _MOST_COUNTS + 1] > _LEAST_RESULTANT)
+    for counts in likely[likely >= least].tolist():
         if counts * step_deg * _LARGER > 360.0:
             break
-        if counts >= _FEWEST_COUNTS and _differ_by_whole(q_deg, 360.0 / counts):
+        if _differ_by_whole(q_deg, 360.0 / counts):
             return int(counts)
     return None
+
+
+def _fewest_that_part(q_deg: Array) -> int | None:
+    """Return the fewest counts a turn at which positions (N,) can be enough whole numbers; or None.
+
+    An axis that stood still, or came to a few positions again and again, is near whole numbers of
+    any step, and of fewer of them than tell one.
+    """
+    ordered = np.sort(q_deg)
+
+    def parted(counts: int) -> bool:
+        """Say whether enough positions are further apart than those of one whole number."""
+        apart, at = (1.0 - 3.0 * _OFF_STEP) * 360.0 / counts, 0
+        for _ in range(_FEWEST_POSITIONS):
+            if at == len(ordered):
+                return False
+            at = int(np.searchsorted(ordered, ordered[at] + apart))
+        return True
+
+    every = range(int(_FEWEST_COUNTS), _MOST_COUNTS + 1)
+    found = bisect_left(every, True, key=parted)
+    return every[found] if found < len(every) else None
 
 
 def decimal_step(q: Array, *, slides: bool) -> Step | None:
