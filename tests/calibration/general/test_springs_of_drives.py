@@ -27,15 +27,15 @@ STIFFNESS = {2: 1.4e6, 3: 8.0e5}  # N m/rad, of the motors of these joints
 NOISE_MM = 0.02
 
 
-def turned(angle, axis):
-    return Rotation.from_euler(axis, angle).as_matrix()
+def turned(angles, axis):
+    return Rotation.from_euler(axis, angles).as_matrix()
 
 
 def posture(theta, rows):
-    """Return rotation and place of the frames after every joint, one pose."""
+    """Return rotations and places of the frames after every joint, of all poses (P, 6)."""
     R, p, frames = np.eye(3), np.zeros(3), []
-    for angle, (offset, d, a, twist) in zip(theta, rows, strict=True):
-        R = R @ turned(angle + offset, "z")
+    for angles, (offset, d, a, twist) in zip(theta.T, rows, strict=True):
+        R = R @ turned((angles + offset)[:, None], "z")
         p = p + R @ [a, 0.0, d]
         R = R @ turned(twist, "x")
         frames.append((R, p))
@@ -43,16 +43,17 @@ def posture(theta, rows):
 
 
 def height_work(theta, rows, com_m, tool_kg, tool_m):
-    """Return the potential energy of an arm that stands on a floor [J]."""
+    """Return the potential energy (P,) of an arm that stands on a floor [J]."""
     frames = posture(theta, rows)
-    heights = [(p + R @ com)[2] * m for (R, p), com, m in zip(frames, com_m, LINKS_KG, strict=True)]
+    weighed = zip(frames, com_m, LINKS_KG, strict=True)
+    heights = [(p + R @ com)[:, 2] * m for (R, p), com, m in weighed]
     R, p = frames[-1]
-    return 9.81 * (sum(heights) + tool_kg * (p + R @ tool_m)[2])
+    return 9.81 * (sum(heights) + tool_kg * (p + R @ tool_m)[:, 2])
 
 
 def of_rows(motors, mechanical):
     """Return the angles of the rows; where bars move joint 3, of motors, else as counted."""
-    return motors - np.array([0.0, 0.0, motors[1] if mechanical else 0.0, 0.0, 0.0, 0.0])
+    return motors - np.eye(6)[2] * (motors[:, 1:2] if mechanical else 0.0)
 
 
 def written(folder, *, mechanical, logged, seed):
@@ -70,30 +71,25 @@ def written(folder, *, mechanical, logged, seed):
     tool_kg, tool_m = 30.0, np.array([0.02, -0.01, 0.1])
     counted = np.radians(LIMITS_DEG) * rng.uniform(-1.0, 1.0, (120, 6))
     targets_m = np.array([[0.15, 0.0, 0.05], [-0.1, 0.12, 0.1], [-0.08, -0.14, 0.02]])
-    p_mm, tau_Nm = np.empty((120, 3, 3)), np.empty((120, 6))
-    for pose, axes in enumerate(counted):
-        # A motor winds up by the change of the energy with its own angle over its stiffness: where
-        # bars move joint 3, the motor of joint 2 moves both rows; else it is the row's own.
-        start = axes if mechanical else of_rows(axes, True)
-        motors = start
-        for _ in range(3):
-            steps = 1e-5 * np.eye(6)
-            energy = [
-                [
-                    height_work(of_rows(motors + sign * step, mechanical), rows, com_m, tool_kg,
-                                tool_m)
-                    for sign in (1.0, -1.0)
-                ]
-                for step in steps
-            ]  # fmt: skip
-            torque_Nm = np.diff(energy, axis=1)[:, 0] / -2e-5
-            wound = np.zeros(6)
-            for joint, K in STIFFNESS.items():
-                wound[joint - 1] = torque_Nm[joint - 1] / K
-            motors = start - wound
-        tau_Nm[pose] = torque_Nm
-        R, p = posture(of_rows(motors, mechanical), rows)[-1]
-        p_mm[pose] = 1e3 * (p + targets_m @ R.T)
+    # A motor winds up by the change of the energy with its own angle over its stiffness: where bars
+    # move joint 3, the motor of joint 2 moves both rows; else it is the row's own.
+    start = counted if mechanical else of_rows(counted, True)
+    motors, step = start, 1e-5
+    for _ in range(3):
+        energy = [
+            [
+                height_work(of_rows(motors + by, mechanical), rows, com_m, tool_kg, tool_m)
+                for by in (way, -way)
+            ]
+            for way in step * np.eye(6)
+        ]
+        tau_Nm = np.diff(energy, axis=1)[:, 0].T / (-2.0 * step)
+        wound = np.zeros_like(start)
+        for joint, K in STIFFNESS.items():
+            wound[:, joint - 1] = tau_Nm[:, joint - 1] / K
+        motors = start - wound
+    R, p_m = posture(of_rows(motors, mechanical), rows)[-1]
+    p_mm = 1e3 * (p_m[:, None] + targets_m @ np.swapaxes(R, 1, 2))
     in_room_mm = p_mm @ turned([0.3, 0.002, -0.9], "xyz").T + [2100.0, -400.0, 150.0]
     in_room_mm += rng.normal(0.0, NOISE_MM, p_mm.shape)
     columns = {f"q{k + 1}_deg": np.degrees(counted[:, k]) for k in range(6)}
