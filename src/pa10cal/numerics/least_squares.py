@@ -16,7 +16,7 @@ from typing import Generic, NamedTuple, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_solve_banded, cholesky_banded, qr
-from scipy.linalg.lapack import dposv
+from scipy.linalg.lapack import dposv, dpotrf
 
 from pa10cal.arrays import Array, Index
 
@@ -28,6 +28,9 @@ _POOR = 0.25
 _LEAST_DAMPING, _LARGEST_DAMPING = 1e-4, 1e8
 #: Relative size of rounding: of eigenvalues of normal equations, and of costs (computing).
 _ROUNDING = 1e-14
+#: A direction is determined by far where its eigenvalue is more than this part of the sum of all:
+#: further above rounding than a factorisation may err (computing).
+_BY_FAR = 1e-12
 #: Rounding may make a lower bound larger than the misfit by this factor (computing).
 _SLACK = 1.001
 #: A descent ends after so many steps, when no unknown moves by more than this [m, rad], or when the
@@ -299,6 +302,11 @@ def _held_where_undetermined(cost: float, gradient: Array, normal: Array) -> Equ
     large steps along it: in the height of a fixed point over the plane of all poses, for example,
     which changes no distance.
     """
+    # Mostly all are determined by far, which a factorisation shows in a fifth of the time.
+    lowered = normal.copy()
+    lowered.flat[:: len(normal) + 1] -= _BY_FAR * normal.trace()
+    if not dpotrf(lowered.T, overwrite_a=1)[1]:
+        return Equations(cost, gradient, normal)
     values, vectors = np.linalg.eigh(normal)
     undetermined = vectors[:, values <= _ROUNDING * values[-1]]
     if undetermined.shape[1]:
