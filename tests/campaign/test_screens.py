@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from made_up_sightings import sighted
+from pa10cal.campaign import tracked_screens
 from pa10cal.campaign.read import read_campaign
 from pa10cal.campaign.screens import off_model, refuse_wrong_length_unit
 from pa10cal.errors import Pa10calError, RawDataError
@@ -40,6 +41,28 @@ def spoiled(tmp_path, errors_mm):
         word = raw.poses[row].split(",")[raw.column("T1_x_mm")]
         replace(raw.poses, row, "T1_x_mm", repr(float(word) + error_mm))
     return [row.line - 1 for row in ingest(raw).quarantined]
+
+
+@pytest.mark.parametrize("exchanged", [False, True])
+def test_the_nominal_arm_is_fitted_anew_only_where_rows_went(tmp_path, monkeypatch, exchanged):
+    """Each check made a fit of its own, though rows had stayed the same."""
+    fitted = {"nominal_places": [], "misfit_of": []}
+    for name, rows in fitted.items():
+        fit = getattr(tracked_screens, name)
+
+        def counted(*given, fit=fit, rows=rows):
+            rows.append(len(given[0]))
+            return fit(*given)
+
+        monkeypatch.setattr(tracked_screens, name, counted)
+    raw = sighted(tmp_path, "points", targets=2, poses=40, repeats=2, noise_mm=0.05)
+    if exchanged:  # two targets of one row
+        words, first = raw.poses[8].split(","), raw.column("T1_x_mm")
+        words[first : first + 6] = words[first + 3 : first + 6] + words[first : first + 3]
+        raw.poses[8] = ",".join(words)
+    rows = len(ingest(raw).observations)
+    assert rows == 80 - exchanged
+    assert fitted == {"nominal_places": [80, 79] if exchanged else [80], "misfit_of": [rows]}
 
 
 @pytest.mark.parametrize("sizes_mm", [(99.0, 101.0, 103.0), (60.0, 150.0, 260.0)])

@@ -15,6 +15,7 @@ from types import MappingProxyType
 from typing import NamedTuple, TypeVar
 
 import numpy as np
+from scipy.fft import rfft
 from scipy.optimize import minimize
 
 from pa10cal.arm.chain import Chain
@@ -162,8 +163,8 @@ def _fewest_counts(q_deg: Array, step_deg: float) -> int | None:
         return None
     # The resultant length for so many counts a turn is that harmonic of a histogram over a turn.
     bins = (q_deg / 360.0 % 1.0 * _BINS).astype(np.intp) % _BINS
-    resultant = np.abs(np.fft.rfft(np.bincount(bins, minlength=_BINS))) / len(q_deg)
-    likely = np.flatnonzero(resultant[: _MOST_COUNTS + 1] > _LEAST_RESULTANT)
+    harmonics = rfft(np.bincount(bins, minlength=_BINS).astype(np.float32))[: _MOST_COUNTS + 1]
+    likely = np.flatnonzero(np.abs(harmonics) > _LEAST_RESULTANT * len(q_deg))
     for counts in likely[likely >= least].tolist():
         if counts * step_deg * _LARGER > 360.0:
             break

@@ -81,10 +81,22 @@ class Screen:
     quarantined: list[Quarantined]  # rows that do not remain are added
     warnings: tuple[str, ...] = ()
 
-    @property
+    # What the nominal arm makes of the rows that remain: found anew once some are quarantined.
+
+    @cached_property
     def T_base_ee(self) -> Array:
         """Return the nominal end (N, 4, 4)."""
         return Chain.of(self.arm).forward(self.found.states.q_rad)
+
+    @cached_property
+    def modelled_m(self) -> Array | None:
+        """Return where it puts the targets, (N, B, 3); None where that is not determined."""
+        return nominal_places(self.T_base_ee, self.found.measured.places_m)
+
+    @cached_property
+    def misfit(self) -> Misfit | None:
+        """Return how far the readings are from it; None where that is not determined."""
+        return misfit_of(self.found.measured, self.T_base_ee)
 
     def run(self) -> None:
         """Screen the rows, from the coarsest check to the finest."""
@@ -100,17 +112,19 @@ class Screen:
 
         self._quarantine_targets(self._by_target(missing), screens.NOT_DETECTED)
         self._refuse_inverse_poses()
-        if (far := self._by_target(reach)).any():
-            misfit = misfit_of(self.found.measured, self.T_base_ee)
+        far = self._by_target(reach)
+        if far.any() and (
             # Not where one factor of all lengths puts them right.
-            if misfit is None or other_scale(self.found.measured, self.T_base_ee, misfit) is None:
-                self._quarantine_targets(far, screens.OUT_OF_REACH)
+            self.misfit is None
+            or other_scale(self.found.measured, self.T_base_ee, self.misfit) is None
+        ):
+            self._quarantine_targets(far, screens.OUT_OF_REACH)
         self._refuse_units()
         self._quarantine_targets(self._held_last(), screens.HELD)
         self._quarantine_exchanged()
         self._quarantine_targets(self._by_target(repeats), screens.OFF_REPEATS)
         self._quarantine_targets(self._off_their_like(), screens.OFF_REPEATS)
-        misfit = misfit_of(self.found.measured, self.T_base_ee)
+        misfit = self.misfit
         if misfit is not None:
             self._look_at_poor_fit(misfit)
             held_out = self.found.kind == "holdout"
@@ -131,10 +145,14 @@ class Screen:
 
     def quarantine(self, off: Mask, reason: str, values: Iterable[object]) -> None:
         """Quarantine rows (N,), with what was found in each."""
+        if not off.any():
+            return
         where = configurations(self.found.take(off))
         file = self.file.path.name
         self.quarantined += quarantined(file, self.line[off], reason, values, where)
         self.line, self.found = self.line[~off], self.found.take(~off)
+        for of_all in ("T_base_ee", "modelled_m", "misfit"):
+            self.__dict__.pop(of_all, None)
 
     def _by_target(self, judge: Callable[[Array, Mask], Mask]) -> Mask:
         """Return (N, B) the verdicts of `judge` on the places (N', k) of each target where seen."""
@@ -161,7 +179,7 @@ class Screen:
         if not (places_m[1:] == places_m[:-1]).all(axis=2).any():
             return np.zeros(places_m.shape[:2], dtype=bool)
         # The model decides whether a target moved: the arm may have turned about it.
-        modelled = nominal_places(self.T_base_ee, places_m) if places_m.shape[2] == 3 else None
+        modelled = self.modelled_m if places_m.shape[2] == 3 else None
         if modelled is None:
             modelled = np.repeat(self.T_base_ee[:, None, :3, 3], places_m.shape[1], axis=1)
         elif 1e3 * np.nanmedian(np.linalg.norm(places_m - modelled, axis=2)) > WARN_MM:
@@ -176,7 +194,7 @@ class Screen:
         is not yet known, nothing else finds it.
         """
         states, places_m = self.found.states, self.found.measured.places_m
-        modelled = nominal_places(self.T_base_ee, places_m) if places_m.shape[2] == 3 else None
+        modelled = self.modelled_m if places_m.shape[2] == 3 else None
         if modelled is None:
             return np.zeros(places_m.shape[:2], dtype=bool)
         same = np.where(self.arm.prismatic, screens.LIKE_M, screens.LIKE_RAD)
@@ -192,7 +210,7 @@ class Screen:
                 swapped, EXCHANGED, [exchange_text(order, names) for order in orders[swapped]]
             )
         places_m = self.found.measured.places_m
-        modelled = nominal_places(self.T_base_ee, places_m) if len(names) > 1 else None
+        modelled = self.modelled_m if len(names) > 1 else None
         if modelled is None:
             return
         orders = exchanged(places_m, modelled)
@@ -272,7 +290,7 @@ class Screen:
         if slides.any() and np.abs(q[:, slides]).max() <= LONGEST_STROKE_M:
             all_rows = np.ones((len(q), 1), dtype=bool)
             tried.append(("strokes", "m", "mm", all_rows, np.where(slides, 1e3, 1.0)))
-        logged = misfit_of(measured, self.T_base_ee) if tried else None
+        logged = self.misfit if tried else None
         # As logged the poses may not even determine where the instrument is.
         logged_m = np.inf if logged is None else float(np.median(logged.size_m))
         if logged_m <= BAD_M:
