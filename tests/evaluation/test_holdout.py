@@ -201,7 +201,8 @@ def test_the_parts_and_the_motion_between_them_are_recovered(carried, in_parts):
     assert second.turned_by_mrad == pytest.approx(1e3 * np.linalg.norm(TURN_RAD), abs=0.05)
 
 
-@pytest.mark.parametrize("again", [(), (10,), (10, 80), range(0, 90, 2)])
+@pytest.mark.slow_but_one_in(2)
+@pytest.mark.parametrize("again", [(10, 80), (), range(0, 90, 2), (10,)])
 def test_a_step_is_found_however_many_poses_are_repeated(carried, again):
     """A few are too few to show the noise of readings."""
     every = knocked(carried[1])

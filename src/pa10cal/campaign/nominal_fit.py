@@ -75,13 +75,17 @@ def placed_at_least_distances(T_base_ee: Array, p_m: Array) -> Located | None:
     None where the poses (P, 4, 4) do not determine them.
     """
     used = drawn(len(p_m), FITTED_ROWS)
-    weights = np.ones(len(used))
+    weights, sum_mm = np.ones(len(used)), np.inf
     for _ in range(FITS_OF_POINTS):
-        located = placed_by_points(T_base_ee[used], p_m[used], weights)
+        located = placed_by_points(T_base_ee[used], p_m[used], weights, roughly=True)
         if located is None:
             return None
         modelled_m = located.targets(T_base_ee[used])[..., :3, 3]
-        weights = 1.0 / np.maximum(misfit_mm(p_m[used], modelled_m), 1.0)
+        off_mm = np.maximum(misfit_mm(p_m[used], modelled_m), 1.0)
+        before_mm, sum_mm = sum_mm, float(off_mm.sum())
+        if sum_mm > _CONVERGED * before_mm:
+            break
+        weights = 1.0 / off_mm
     return located
 
 

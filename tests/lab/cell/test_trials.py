@@ -96,7 +96,7 @@ def test_several_effects_are_never_the_same_at_the_same_place(kind, members):
 
 
 def test_sizes_are_even_in_their_logarithm_within_their_bounds():
-    sizes = np.array([min(trial.sizes) for trial in draw_trials("single", 400, 6)])
+    sizes = np.array([min(trial.sizes) for trial in draw_trials("single", 200, 6)])
     assert sizes.min() >= 0.1
     assert sizes.max() <= 3.0
     assert np.mean(sizes < np.sqrt(0.3)) == pytest.approx(0.5, abs=0.08)
@@ -147,7 +147,7 @@ def test_statements_are_wrong_both_ways():
 
 def test_temperature_drifts_where_it_must_and_in_a_third_of_the_rest():
     drifts = {True: [], False: []}
-    for trial in draw_trials("single", 20 * len(vocabulary()), 10):
+    for trial in draw_trials("single", 10 * len(vocabulary()), 10):
         grows = vocabulary()[hidden(trial)[0][0]].by_temperature
         drifts[grows].append(trial.settings.temperature_drift_C > 0.0)
     assert all(drifts[True])
