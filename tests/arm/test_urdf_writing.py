@@ -8,7 +8,6 @@ import pinocchio as pin
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from ikpy.chain import Chain as IkpyChain
 
 from changed_arm import departed, expected
 from drawn_examples import examples
@@ -64,6 +63,8 @@ def test_names_are_read_back_whatever_they_are(name):
 
 @pytest.mark.parametrize("name", arm_names())
 def test_another_loader_reads_the_same(name, tmp_path):
+    from ikpy.chain import Chain as IkpyChain  # late: every worker imports every file of tests
+
     chain, path = Chain.of(load_arm(name)), tmp_path / "robot.urdf"
     coordinates = chain.nominal + np.random.default_rng(5).normal(0, 2e-3, len(chain.nominal))
     coordinates[chain.columns(BASE)] = 0.0

@@ -191,7 +191,7 @@ def _fewest_that_part(q_deg: Array) -> int | None:
         return True
 
     every = range(int(_FEWEST_COUNTS), _MOST_COUNTS + 1)
-    found = bisect_left(every, True, key=parted)
+    found = 0 if parted(every[0]) else bisect_left(every, True, key=parted)
     return every[found] if found < len(every) else None
 
 
