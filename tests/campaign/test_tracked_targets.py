@@ -12,7 +12,7 @@ import pa10cal
 from made_up_sightings import UNCERTAINTY_MM, sighted
 from pa10cal.arm.chain import Chain
 from pa10cal.campaign.read import repeatability_mm, wrong_rows
-from pa10cal.campaign.screens import OFF_REPEATS, held_last, off_its_like
+from pa10cal.campaign.screens import OFF_REPEATS, alike, held_last, off_its_like
 from pa10cal.errors import Pa10calError
 from pa10cal.files.arms import load_arm
 from spoiling import ingest, replace, with_columns
@@ -509,15 +509,26 @@ def contradicted(shift_m, noise_m=0.004):
     return places, modelled, near
 
 
+def contradicted_by_the_arm(places, modelled, near, load):
+    """Return the rows of which all targets are off those of their like."""
+    off = off_its_like(places, modelled, *alike(near, load))
+    assert (off.all(axis=1) == off.any(axis=1)).all()
+    return np.flatnonzero(off.any(axis=1)).tolist()
+
+
 def test_of_two_rows_with_the_same_joints_the_one_is_off_that_the_arm_contradicts():
     places, modelled, near = contradicted(0.06)
     load = np.zeros(40)
-    assert np.flatnonzero(off_its_like(places, modelled, near, load).all(axis=1)).tolist() == [7]
-    assert not off_its_like(places, modelled, near, np.arange(40.0)).any()
+    assert contradicted_by_the_arm(places, modelled, near, load) == [7]
+    assert contradicted_by_the_arm(places, modelled, near, np.arange(40.0)) == []
     far = near + 10.0 * np.arange(40)[:, None]
-    assert not off_its_like(places, modelled, far, load).any()
-    assert not off_its_like(*contradicted(0.008), load).any()  # below the limit of repeats
-    assert not off_its_like(*contradicted(0.03, noise_m=0.02), load).any()  # as others are off
+    assert contradicted_by_the_arm(places, modelled, far, load) == []
+    below_the_limit_of_repeats, as_others_are = (
+        contradicted(0.008),
+        contradicted(0.03, noise_m=0.02),
+    )
+    assert contradicted_by_the_arm(*below_the_limit_of_repeats, load) == []
+    assert contradicted_by_the_arm(*as_others_are, load) == []
 
 
 def test_a_row_that_another_row_contradicts_is_quarantined(tmp_path):

@@ -95,15 +95,33 @@ def off_repeats(p_m: Array, pose: NDArray[np.str_], load_N: Array) -> Mask:
     Poses with too few repeats are not judged.
     """
     groups = pd.DataFrame(p_m).groupby([pose, load_N])
-    distance = np.linalg.norm(p_m - groups.transform("median").to_numpy(), axis=1)
-    judged = groups[0].transform("size").to_numpy() >= LEAST_REPEATS
+    judged = np.asarray(groups[0].transform("size") >= LEAST_REPEATS)
     if not judged.any():
         return judged
+    distance = np.linalg.norm(p_m - groups.transform("median").to_numpy(), axis=1)
     sigma_m = MEDIAN_TO_SIGMA * float(np.median(distance[judged]))
     return np.asarray(judged & (distance > max(REPEATS_M, ROBUST_SIGMAS * sigma_m)))
 
 
-def off_its_like(p_m: Array, modelled_m: Array, near: Array, load_N: Array) -> Mask:
+def alike(near: Array, load_N: Array) -> tuple[Index, Index]:
+    """Return rows that have another one with the same joints and load, and that other of each.
+
+    Args:
+        near: (N, n) joint positions over what counts as the same.
+    """
+    rows: Index = np.arange(len(near))
+    if len(near) < 2:
+        return rows[:0], rows[:0]
+    found = cKDTree(near).query(near, k=2, p=np.inf, distance_upper_bound=1.0)
+    distance, nearest = np.asarray(found[0]), np.asarray(found[1])
+    other = np.where(nearest[:, 0] == rows, 1, 0)  # of the two nearest rows one is the row itself
+    rows = rows[np.isfinite(distance[rows, other])]
+    like: Index = nearest[rows, other[rows]]
+    of_one_load = load_N[rows] == load_N[like]
+    return rows[of_one_load], like[of_one_load]
+
+
+def off_its_like(p_m: Array, modelled_m: Array, rows: Index, like: Index) -> Mask:
     """Return targets (N, B) far from where another row with the same joints and load has them.
 
     Of the two it is the one that the nominal arm contradicts, by a multiple of the median misfit.
@@ -111,19 +129,9 @@ def off_its_like(p_m: Array, modelled_m: Array, near: Array, load_N: Array) -> M
     Args:
         p_m: (N, B, 3) measured places, nan where not seen.
         modelled_m: (N, B, 3) the same by the nominal arm, base and targets fitted.
-        near: (N, n) joint positions over what counts as the same.
+        rows, like: of `alike`.
     """
     off = np.zeros(p_m.shape[:2], dtype=bool)
-    if len(p_m) < 2:
-        return off
-    found = cKDTree(near).query(near, k=2, p=np.inf, distance_upper_bound=1.0)
-    distance, nearest = np.asarray(found[0]), np.asarray(found[1])
-    rows: Index = np.arange(len(p_m))
-    other = np.where(nearest[:, 0] == rows, 1, 0)  # of the two nearest rows one is the row itself
-    rows = rows[np.isfinite(distance[rows, other])]
-    like: Index = nearest[rows, other[rows]]
-    of_one_load = load_N[rows] == load_N[like]
-    rows, like = rows[of_one_load], like[of_one_load]
     away_m = p_m - modelled_m
     misfit_m = np.linalg.norm(away_m, axis=2)
     apart_m = np.linalg.norm(away_m[rows] - away_m[like], axis=2)

@@ -194,11 +194,12 @@ class Screen:
         is not yet known, nothing else finds it.
         """
         states, places_m = self.found.states, self.found.measured.places_m
-        modelled = self.modelled_m if places_m.shape[2] == 3 else None
+        same = np.where(self.arm.prismatic, screens.LIKE_M, screens.LIKE_RAD)
+        rows, like = screens.alike(states.q_rad / same, states.load_N)
+        modelled = self.modelled_m if len(rows) and places_m.shape[2] == 3 else None
         if modelled is None:
             return np.zeros(places_m.shape[:2], dtype=bool)
-        same = np.where(self.arm.prismatic, screens.LIKE_M, screens.LIKE_RAD)
-        return screens.off_its_like(places_m, modelled, states.q_rad / same, states.load_N)
+        return screens.off_its_like(places_m, modelled, rows, like)
 
     def _quarantine_exchanged(self) -> None:
         """Quarantine rows whose targets are exchanged; refuse the file where most rows are so."""
