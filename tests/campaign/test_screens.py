@@ -63,6 +63,7 @@ def test_the_nominal_arm_is_fitted_anew_only_where_rows_went(tmp_path, monkeypat
     rows = len(ingest(raw).observations)
     assert rows == 80 - exchanged
     assert fitted == {"nominal_places": [80, 79] if exchanged else [80], "misfit_of": [rows]}
+    (tmp_path / "one").mkdir()
     fitted["nominal_places"].clear()
     ingest(sighted(tmp_path / "one", "points", targets=1))
     assert fitted["nominal_places"] == []  # there is nothing to compare by it

@@ -340,15 +340,16 @@ def why_few_angles(effect: Effect, states: PoseStates) -> str | None:
     """
     if not is_error_map(effect):
         return None
+    own = effect.joint - 1
     q_rad = states.q_rad.copy()
-    own = q_rad[:, effect.joint - 1] = _within_a_turn(q_rad[:, effect.joint - 1])
-    poses = np.unique(np.stack([_places(q) for q in q_rad.T], axis=1), axis=0)
-    angles, poses_at = np.unique(poses[:, effect.joint - 1], return_counts=True)
-    if np.median(poses_at) < 2:
-        return None
-    turns = float(np.ptp(own)) / (2.0 * np.pi)
+    q_rad[:, own] = _within_a_turn(q_rad[:, own])
+    angles, rows_at = np.unique(_places(q_rad[:, own]), return_counts=True)
+    turns = float(np.ptp(q_rad[:, own])) / (2.0 * np.pi)
     # A cubic spline has three freedoms more than intervals between knots; a periodic one has none.
     freedoms = min(effect.knots * turns + 3.0, float(effect.knots))
-    if len(angles) >= MAPS.angles_a_freedom * freedoms:
+    if np.median(rows_at) < 2 or len(angles) >= MAPS.angles_a_freedom * freedoms:
+        return None
+    poses = np.unique(np.stack([_places(q) for q in q_rad.T], axis=1), axis=0)
+    if np.median(np.unique(poses[:, own], return_counts=True)[1]) < 2:
         return None
     return f"the joint took {len(angles)} angles, too few to show what it does between them"
