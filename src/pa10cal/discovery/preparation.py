@@ -320,11 +320,16 @@ def _within_a_turn(q_rad: Array) -> Array:
 
 def _places(q: Array) -> Index:
     """Return a number for each position (P,) of a joint; those of the same pose have the same."""
-    rising, firsts, k = np.unique(q), [], 0
+    rising = np.unique(q)
+    apart = rising > np.append(-np.inf, rising[:-1] + NOISE.same_pose)[: len(rising)]
+    firsts, lasts = rising[apart], rising[np.roll(apart, -1)]
+    if (lasts <= firsts + NOISE.same_pose).all():  # as poses that are repeated, or never
+        return np.asarray(np.searchsorted(firsts, q, side="right") - 1)
+    in_turn, k = [], 0
     while k < len(rising):
-        firsts.append(rising[k])
+        in_turn.append(rising[k])
         k = int(np.searchsorted(rising, rising[k] + NOISE.same_pose, side="right"))
-    return np.asarray(np.searchsorted(firsts, q, side="right") - 1)
+    return np.asarray(np.searchsorted(in_turn, q, side="right") - 1)
 
 
 def why_few_angles(effect: Effect, states: PoseStates) -> str | None:
