@@ -75,6 +75,14 @@ def test_where_both_err_none_is_named():
     assert found.excludes_sensor
 
 
+def test_a_motor_that_follows_far_more_than_the_error_names_no_cause():
+    joint = series("sensor", poses=4000)
+    (found,) = witnesses([[replace(joint, error_rad=0.6 * joint.error_rad)]], np.array([101.0]))
+    assert found.alpha == pytest.approx(1.0 / 0.6, abs=0.1)
+    assert found.excludes_gear
+    assert (found.cause, found.likely) == (None, None)
+
+
 def test_without_ripple_there_is_no_witness():
     quiet = [[series("sensor", seed, ripple_rad=0.0)] for seed in range(20)]
     found = [each for joint in quiet for each in witnesses([joint], np.array([101.0]))]

@@ -120,6 +120,8 @@ Cause = Literal["sensor", "gear"]
 #: Share of the error that the motor must surely follow, or surely not, for a cause to be named: an
 #: interval that ends here still holds "all of it" or "nothing of it", within the error of the map.
 _NEARLY_ALL, _HARDLY_ANY = 0.7, 0.3
+#: Share that the motor must not surely exceed: neither cause has it follow more than all.
+_MORE_THAN_ALL = 1.3
 #: Log-likelihood by which the motor's ripple must prefer one cause over the other, in nats.
 LEAST_NATS = 4.0
 
@@ -161,8 +163,13 @@ class MotorRipple(Part):
 
     @property
     def cause(self) -> Cause | None:
-        """Return whose error it is; None where the ripple does not decide, or where both err."""
+        """Return whose error it is; None where the ripple does not decide, or where both err.
+
+        Nor does one that would have the motor follow far more than the error.
+        """
         low, high = self.interval95
+        if low > _MORE_THAN_ALL and self.gain_over_one_nats > LEAST_NATS:
+            return None
         if self.excludes_gear and not self.excludes_sensor and high > _NEARLY_ALL:
             return "sensor"
         if self.excludes_sensor and not self.excludes_gear and low < _HARDLY_ANY:
