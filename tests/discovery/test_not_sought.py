@@ -1,6 +1,7 @@
 """Which campaigns are too small for a search, and what is said of them all the same."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,9 +10,11 @@ from made_up_arm import measure
 from pa10cal.discovery.discover import discover, orientations_off, too_few_poses
 from pa10cal.discovery.evidence.by_repeats import evidence_lack_of_fit
 from pa10cal.discovery.gap import errors_of
+from pa10cal.discovery.log_faults import fault_of_pose
 from pa10cal.discovery.noise import same_circumstances
 from pa10cal.discovery.verdict_records import analysis_record, extended_record, verdict_record
 from pa10cal.observe.observations import reading_groups
+from pa10cal.results.discovery import Unexplained
 from pa10cal.stages.discover import verdict_lines
 
 
@@ -93,6 +96,22 @@ class TestVerdict:
         assert max(len(repr(of).splitlines()) for of in (found, found.model)) <= 12
         assert "verdict: not_sought" in found._repr_html_()
         assert found.remedy in found._repr_html_()
+
+    def test_what_it_says_is_shown_in_full_words(self, found):
+        assert found.why in repr(replace(found, remedy=None))
+        sought = replace(found, why=None, remedy=None)
+        fault = fault_of_pose("7", "far from the others", None, decides=True)
+        shown = repr(replace(sought, faults_of_rows=(fault,)))
+        assert "check_the_log\nfault, pose 7: far from the others\n" in shown
+        part = Unexplained(of="joint 3", form=None, shared_error_mm=0.1, why="more than noise")
+        shown = repr(replace(sought, unexplained=(part,) * 20))
+        assert "unexplained\nno name, joint 3: more than noise\n" in shown
+        assert "and 12 more" in shown
+        assert len(shown.splitlines()) <= 12
+        effect = SimpleNamespace(id="friction", of="joint 2")
+        named = (SimpleNamespace(effect=effect, parameters={}, probability=1.0),)
+        for where in ("gives_way", "in_log"):
+            assert "named\nfriction of joint 2" in repr(replace(sought, **{where: named}))
 
     def test_what_remains_is_stated_the_same_before_and_after(self, found):
         before, after = found.lack_of_fit()

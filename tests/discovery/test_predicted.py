@@ -46,7 +46,7 @@ def test_what_two_joints_do_together_is_predicted_and_is_no_name(entangled):
     assert beside.effects == found.effects
     assert beside.verdict == found.verdict == "unexplained"
     assert beside.train.after.rms_mm < 0.8 * found.train.after.rms_mm
-    assert beside.predicted.train is found.train
+    assert beside.predicted.by_names.train is found.train
     *_, field = beside.model.model.terms
     assert field.id == "field"
     k = len(beside.model.x)
@@ -91,7 +91,7 @@ def test_limits_of_effects_go_where_poses_beyond_them_are_predicted_no_worse(ent
     beside, without = with_predicted(limited), with_predicted(entangled.discovery)
     assert beside.falls_back is None
     assert beside.holdout.after == without.holdout.after
-    assert beside.predicted.holdout.after == without.predicted.holdout.after
+    assert beside.by_names.holdout.after == without.by_names.holdout.after
 
 
 def test_limits_of_effects_stay_where_poses_beyond_them_are_predicted_worse(limited):

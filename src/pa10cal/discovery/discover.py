@@ -51,6 +51,7 @@ from pa10cal.discovery.sessions import (
 from pa10cal.discovery.torque_faults import stated_wrongly, with_friction_of_log
 from pa10cal.discovery.verdict import (
     Basis,
+    Gaps,
     Predicted,
     Scorer,
     Verdict,
@@ -233,7 +234,8 @@ def _unlimited(found: Verdict, by_names: FittedModel) -> Verdict:
 
 def _predicting(found: Verdict, by_names: FittedModel, fit: FieldFit) -> Verdict:
     """Return the verdict with the errors that its names and the field leave."""
-    predicted, falls_back = Predicted(fit, found.train, found.holdout), found.falls_back
+    predicted = Predicted(fit, Gaps(found.train, found.holdout))
+    falls_back = found.falls_back
     if falls_back is not None and found.holds_nowhere:
         why = f"{falls_back.why}, with what has no name predicted beside it"
         falls_back = replace(falls_back, why=why)

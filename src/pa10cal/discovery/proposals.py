@@ -49,9 +49,9 @@ def _proposals(found: Verdict[Scorer]) -> Iterator[FormulaProposal]:
         (nameless, elsewhere),
         (nameless, joints),
     ]
-    everything = found.everything if found.unexplained else nameless
-    if everything != nameless:  # names may stand in for parts of what has none
-        attempts.append((everything, list(forms)))
+    with_names = _with_names_in_rows(found, nameless) if found.unexplained else nameless
+    if with_names != nameless:  # names may stand in for parts of what has none
+        attempts.append((with_names, list(forms)))
     for held, tried in attempts:
         proposal = _shortest(found, held, [form for of in tried for form in forms[of]])
         if proposal is not None:
@@ -64,6 +64,13 @@ def _proposals(found: Verdict[Scorer]) -> Iterator[FormulaProposal]:
         proposal = _shortest(found, held, list(forms[place]))
         if proposal is not None:
             yield proposal
+
+
+def _with_names_in_rows(found: Verdict[Scorer], nameless: tuple[Effect, ...]) -> tuple[Effect, ...]:
+    """Return effects without a name and those with one that the rows of a comparison can hold."""
+    every = dict.fromkeys((*nameless, *(finding.effect for finding in found.effects)))
+    searched = found.scorer.searched
+    return tuple(each for each in every if searched is None or each in searched)
 
 
 def _shortest(

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from html import escape
-from typing import Any, ClassVar, Generic, Literal, Self
+from typing import Any, ClassVar, Generic, Literal, NamedTuple, Self
 
 import numpy as np
 from typing_extensions import TypeIs, TypeVar
@@ -64,14 +64,19 @@ class Plan:
 NOTHING_PLANNED = Plan(())
 
 
+class Gaps(NamedTuple):
+    """Errors of the calibrated model and of another, by set of poses."""
+
+    train: PairedErrors  # at the poses fitted
+    holdout: PairedErrors | None  # at held-out poses; None without any
+
+
 @dataclass(frozen=True, eq=False)
 class Predicted:
     """A part of the error that has no name and is predicted in addition to the effects."""
 
     fit: FieldFit
-    # errors of the model with the effects alone
-    train: PairedErrors
-    holdout: PairedErrors | None
+    by_names: Gaps  # the other model has the effects alone, without this part
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -223,14 +228,14 @@ class Verdict(Generic[S]):
     in_log: tuple[Finding, ...] = ()  # friction of logged torques, which was taken out of them
     faults_of_rows: tuple[DiagnosedFault, ...] = ()  # faults of single rows, found after the search
 
-    # Errors without a name.
+    # Errors without a name: as they are reported, as the search found them, as the model has them.
 
-    unexplained: tuple[Unexplained, ...] = ()  # parts of the error that have no name
-    nameless: tuple[Effect, ...] = ()  # smooth functions that the search chose for such parts
+    unexplained: tuple[Unexplained, ...] = ()  # reported: where, and why there is no name
+    nameless: tuple[Effect, ...] = ()  # smooth functions that the search chose, not in the model
     over_noise: bool = False  # whether the search left more than noise
-    # terms without a name that predict a part of the error; None where held-out poses do not gain
+    # a field in the model that predicts them; None where held-out poses do not gain by one
     predicted: Predicted | None = None
-    proposed: tuple[FormulaProposal, ...] = ()  # formulas for parts that have no name
+    proposed: tuple[FormulaProposal, ...] = ()  # formulas that may be what they are
 
     # What these data cannot show.
 
@@ -287,7 +292,7 @@ class Verdict(Generic[S]):
 
     @property
     def faults(self) -> tuple[DiagnosedFault, ...]:
-        """Return the faults of the log: of single rows first, then of the whole log.
+        """Return the faults of the log: of the input first, of single rows, of the whole log.
 
         A fault with the same consequences as an effect is omitted where that effect was found, and
         departures of the arm where held-out poses confirm them.
@@ -342,16 +347,14 @@ class Verdict(Generic[S]):
 
     @property
     def without_name(self) -> tuple[Effect, ...]:
-        """Return the maps found, and the smooth functions that the search chose."""
+        """Return what shows where an error is and not its cause: maps found, and `nameless`."""
         maps = (e.effect for e in self.effects if is_error_map(e.effect))
         return (*maps, *self.nameless)
 
     @property
-    def everything(self) -> tuple[Effect, ...]:
-        """Return the effects without a name and those with one, if the scorer's rows have them."""
-        every = dict.fromkeys((*self.without_name, *(e.effect for e in self.effects)))
-        searched = self.scorer.searched
-        return tuple(each for each in every if searched is None or each in searched)
+    def by_names(self) -> Gaps:
+        """Return the errors of the model with the effects alone, without what has no name."""
+        return Gaps(self.train, self.holdout) if self.predicted is None else self.predicted.by_names
 
     def with_gaps(self, changed: Callable[[PairedErrors], PairedErrors]) -> Self:
         """Return the verdict with a function applied to the gaps of train and holdout."""
@@ -376,11 +379,12 @@ class Verdict(Generic[S]):
     @property
     def _shown(self) -> tuple[str, ...]:
         """Return the lines that are shown in addition to the word of the verdict."""
-        if self.why is not None and self.remedy is not None:
-            return self.why, self.remedy
-        found = [
-            f"{label_of(e.effect, None)}: {parameters_text(e.parameters)}" for e in self.effects
-        ]
+        if self.why is not None:
+            return (self.why,) if self.remedy is None else (self.why, self.remedy)
+        named = (*self.gives_way, *self.in_log, *self.effects)
+        found = [f"{label_of(e.effect, None)}: {parameters_text(e.parameters)}" for e in named]
+        found += [f"fault, {each.where}: {each.what}" for each in self.faults]
+        found += [f"no name, {each.of or 'place unknown'}: {each.why}" for each in self.unexplained]
         found += [f"proposed, no name: {each.form.formula}" for each in self.proposed]
         more = len(found) - PLACES.most_shown
         found[PLACES.most_shown :] = [f"and {more} more"] if more > 0 else []
@@ -402,24 +406,19 @@ class Verdict(Generic[S]):
 
     @cached_property
     def model(self) -> FittedModel:
-        """Return the calibrated model with the effects found."""
+        """Return the calibrated model with the effects found, and with what is `predicted`."""
         if not is_sought(self):
             return self.scorer.model_with(())
-        fitted, falls_back = self.extended.fitted(self.covariance), self.falls_back
-        if self.predicted is not None:
-            if falls_back is not None and self.holds_nowhere:
-                with_fit = with_field(self.baseline, self.predicted.fit)
-                with_fit = replace(with_fit, discrepancy=self._discrepancy_of(with_fit))
-                falls_back = replace(falls_back, model=with_fit)
-            else:
-                fitted = with_field(fitted, self.predicted.fit)
+        fitted = self.extended.fitted(self.covariance)
+        if self.predicted is not None and not self.holds_nowhere:
+            fitted = with_field(fitted, self.predicted.fit)
         fitted = self.with_targets_off(fitted)
         return replace(
             fitted,
             fitted_to=self._fitted_to(),
             seen=self.baseline.seen if self.scorer.seen is None else self.scorer.seen,
             discrepancy=self._in_doubt(self._discrepancy_of(fitted)),
-            falls_back=falls_back,
+            falls_back=self._with_field_of_fall_back(),
             otherwise=self.otherwise,
         )
 
@@ -428,6 +427,18 @@ class Verdict(Generic[S]):
         stated = self.prepared.readings.measured.by_stated_targets.shape[2]
         off_m = self.scorer.targets_off_m(stated)
         return with_targets_off(fitted, off_m, self.prepared.setup.apparatus_m, self.train.poses)
+
+    def _with_field_of_fall_back(self) -> FallBack | None:
+        """Return `falls_back`, with what is `predicted` where the effects hold nowhere.
+
+        All poses are then predicted by the model fallen back to, so that the field is a part of
+        that one. Either model states what it lacks itself.
+        """
+        if self.falls_back is None or self.predicted is None or not self.holds_nowhere:
+            return self.falls_back
+        model = with_field(self.baseline, self.predicted.fit)
+        model = replace(model, discrepancy=self._discrepancy_of(model))
+        return replace(self.falls_back, model=model)
 
     def _discrepancy_of(self, fitted: FittedModel) -> Discrepancy | None:
         """Return what a model lacks by the fitted poses, and by those held out of this campaign."""
@@ -457,9 +468,8 @@ class Verdict(Generic[S]):
     def errors_by_name(self) -> ErrorsByName:
         """Return the errors that remain as the effects join the model one by one."""
         within = None if self.falls_back is None else self.falls_back.within
-        effects, by_names = self.extended.effects, self.predicted or self
-        model_with = self.scorer.model_with
-        return errors_by_name(by_names.train, by_names.holdout, effects, model_with, within)
+        effects, model_with = self.extended.effects, self.scorer.model_with
+        return errors_by_name(*self.by_names, effects, model_with, within)
 
     @property
     def explained(self) -> Explained | None:
@@ -478,18 +488,18 @@ class Verdict(Generic[S]):
 
     def _errors_of_models(self) -> ErrorsOfModels:
         """Return the errors of all models at the poses at which `explained` is computed."""
-        of_names, errors = self.predicted or self, self.errors_by_name
+        by_names, errors = self.by_names, self.errors_by_name
         suspected = self.prepared.suspected
         rows: Rows = slice(None)
         over: Literal["held-out poses", "fitted poses"]
         if self.trusted_holdout is None:
             over = "fitted poses"
-            gap, named, without = self.train, of_names.train, errors.fitted_without
+            gap, named, without = self.train, by_names.train, errors.fitted_without
         else:
             assert self.holdout is not None
-            assert of_names.holdout is not None
+            assert by_names.holdout is not None
             over, rows = "held-out poses", rows if suspected is None else ~suspected
-            gap, named, without = self.holdout, of_names.holdout, errors.held_out_without
+            gap, named, without = self.holdout, by_names.holdout, errors.held_out_without
         findings = {finding.effect: finding for finding in self.findings}
         return ErrorsOfModels(
             over=over,
@@ -526,9 +536,10 @@ def with_likely_alternatives(found: Verdict) -> Verdict:
 def with_unknown_cause(found: Verdict, finding: F) -> F:
     """Return a finding with the probability that its cause is one that was not tried.
 
-    It is larger where more than noise remains without a name, where a machine that touches may read
-    by the side from which it comes, and where the effect is larger than such effects are: then
-    another cause looks like it.
+    Its proof may know it, by the error that would remain. Else it is larger where more than noise
+    remains without a name. It is also larger where a machine that touches may read by the side from
+    which it comes, and where the effect is larger than such effects are: then another cause looks
+    like it.
     """
     if (by_errors := finding.proof.unknown_cause) is not None:
         unknown = by_errors.probability(found.noise_floor_mm)
