@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pa10cal.calibration import grade_evidence
 from pa10cal.calibration.accuracy import HeldOut, gram
 from pa10cal.calibration.fit_summary import FitSummary, poses_needed
 from pa10cal.calibration.grade_evidence import GradeEvidence, large_departures
@@ -317,6 +318,7 @@ ZERO = InputFinding(
     remedy="set joint_offsets_deg: [0, 0, 2.1]",
     kind="joint_zero",
     would_leave_mm=0.03,
+    joint=3,
 )
 
 
@@ -407,7 +409,7 @@ def test_a_confirmed_zero_stays_beside_another_large_departure():
     fit = mastered(np.radians(-1.99))  # of joint 4
     found = health(fit, errors(findings=(ZERO,)))  # of joint 3
     assert [each.where for each in found.departures] == ["joint 3", "delta_theta_4"]
-    here = {"where": "q4_deg", "what": "the zero of joint 4 is 2 deg off"}
+    here = {"where": "q4_deg", "what": "the zero of joint 4 is 2 deg off", "joint": 4}
     found = health(fit, errors(findings=(ZERO.model_copy(update=here),)))
     assert [each.where for each in found.departures] == ["q4_deg"]  # it says what to set
 
@@ -440,6 +442,13 @@ def test_whole_turns_of_a_motor_are_told(ratio, turns, says):
     fit = mastered(2.0 * np.pi / 101.0 * turns)
     arm = replace(load_arm("irb120"), gear_ratio=ratios)
     assert says in health(fit, errors(arm=arm)).line
+
+
+def test_a_twist_beside_a_slide_is_no_turn_of_its_motor():
+    arm = replace(load_arm("irb120"), gear_ratio=np.full(6, 101.0))
+    assert grade_evidence._looks_like(arm, "theta_4", 2.0 * np.pi / 101.0, 1.0)
+    slides = replace(arm, prismatic=np.arange(6) == 3)
+    assert not grade_evidence._looks_like(slides, "theta_4", 2.0 * np.pi / 101.0, 1.0)
 
 
 def test_a_length_of_the_wrong_sign_is_told():

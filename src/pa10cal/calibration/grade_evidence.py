@@ -19,8 +19,6 @@ from pa10cal.terms.term import TermParameter
 _LEAST_ERROR_MM = 1e-6
 #: What readings show whose repeats are identical.
 NO_NOISE = "repeats do not differ at all, as copied readings do"
-#: In the text of a departure of a joint's zero, after the joint.
-_MASTERED = " was mastered"
 
 
 @dataclass(frozen=True)
@@ -215,7 +213,7 @@ class GradeEvidence:
         others = (
             each
             for each in self.large_departures
-            if (self.confirmed or _MASTERED in each.what)
+            if (self.confirmed or each.joint is not None)
             and not any(_is_of_zero(each, zero) for zero in zeros)
         )
         return (*zeros, *others)
@@ -249,7 +247,8 @@ class GradeEvidence:
         """Return the share by which all long links are longer than described; None if they differ.
 
         Arms are not built so: the scale of the instrument goes with their lengths, which no
-        readings of one campaign can tell.
+        readings of one campaign can tell. None as well where fewer than two long links are known
+        well enough, or they are hardly longer.
         """
         return None if self.arm is None else longer_by(self.ended, self.arm)
 
@@ -347,7 +346,12 @@ def large_departures(
 
 
 def longer_by(ended: FitSummary, arm: Arm) -> float | None:
-    """Return the share by which all long links are longer than described; None if they differ."""
+    """Return the share by which all long links are longer than described; None if they differ.
+
+    Links of which the length is known to `GRADES.length_known` of it count, two at least. They are
+    alike within `GRADES.alike_share` of their mean: chance rarely makes two links so alike, and of
+    lengths no better known than that it hides a common share more often than not.
+    """
     coordinates = [ended.departures.get(each.name, "") for each in ended.parameters]
     lengths_m = dict(enumerate(arm.a_m.tolist(), 1)), dict(enumerate(arm.d_m.tolist(), 1))
     of_kind = dict(zip("ad", lengths_m, strict=True))
@@ -371,8 +375,7 @@ def longer_by(ended: FitSummary, arm: Arm) -> float | None:
 
 def _is_of_zero(departure: InputFinding, zero: InputFinding) -> bool:
     """Return whether a departure is that of a joint's zero which a check found off."""
-    joint, _, _ = departure.what.partition(_MASTERED)
-    return departure.where == zero.where or f"the zero of {joint} is " in zero.what
+    return departure.joint is not None and departure.joint == zero.joint
 
 
 def _departure(parameter: TermParameter, text: str, joint: int | None) -> InputFinding:
@@ -407,7 +410,7 @@ def _departure_text(
     if joint is None:
         return f"{scale * value:.3g} {unit} from nominal ({tolerances:.0f} tolerances)"
     off = f"{scale * abs(value):.3g} {unit}"
-    return f"joint {joint}{_MASTERED} {off} off ({tolerances:.0f} tolerances)"
+    return f"joint {joint} was mastered {off} off ({tolerances:.0f} tolerances)"
 
 
 def _looks_like(arm: Arm | None, coordinate: str, value: float, as_built: float) -> str:
@@ -430,6 +433,6 @@ def _looks_like(arm: Arm | None, coordinate: str, value: float, as_built: float)
     whole = round(turns) if np.isfinite(turns) else 0
     # Any departure is near some number of turns: it has to be as near as the build allows.
     near = min(GRADES.of_a_turn, as_built * per_rad)
-    if ratio <= 1.0 or not whole or abs(turns - whole) > near:
+    if ratio <= 1.0 or arm.prismatic[row] or not whole or abs(turns - whole) > near:
         return ""
     return f": {whole} turn{'s' * (whole > 1)} of a motor of ratio {ratio:g}"

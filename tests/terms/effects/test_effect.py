@@ -1,6 +1,6 @@
 """Laws that every effect keeps at every place."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -9,9 +9,10 @@ from scipy.spatial.transform import Rotation
 from pa10cal.arm.chain import Chain
 from pa10cal.errors import CalibrationError
 from pa10cal.options import Tolerances
+from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.joint_spring import JointSpring, baseline
 from pa10cal.terms.model import DerivativeCache, Model
-from pa10cal.terms.term import shows_torque, yields
+from pa10cal.terms.term import TermParameter, shows_torque, yields
 
 #: Effects known to need the moments of the weights, or where the targets were.
 BENT = {"link_bending", "link_torsion", "base_compliance", "slide_bending", "tool_sag"}
@@ -201,3 +202,57 @@ def test_kept_derivatives_and_shifts_are_those_worked_out_anew(effect, states):
         np.testing.assert_allclose(
             derivative_cache.shift(effect, at, x), shift, rtol=1e-12, atol=1e-18
         )
+
+
+def test_an_effect_of_another_model_is_the_same_but_for_the_range_it_was_sought_in(at, states):
+    soft = at("soft_windup", "joint 2")
+    assert soft.same_as(replace(soft, span_Nm=2.0 * soft.span_Nm, rated_Nm=3.0))
+    # In a map of the torque the range scales the form: the same amounts are another function.
+    for name in ("windup_map", "direction_map"):
+        of_torque = at(name, "joint 2")
+        other = replace(of_torque, span_Nm=2.0 * of_torque.span_Nm)
+        x = amount(of_torque)
+        assert not np.allclose(of_torque.shift(states, x), other.shift(states, x))
+        assert not of_torque.same_as(other)
+        assert of_torque.same_as(replace(of_torque))
+
+
+def test_what_lengthens_links_turns_nothing(at, states):
+    growth = at("thermal_growth", "arm")
+    assert {name[:2] for name in growth.coordinates} == {"a_", "d_"}
+    assert growth.rotations(states, amount(growth))[0].size == 0
+    windup = at("windup_map", "joint 2")
+    assert windup.rotations(states, amount(windup))[0].any()
+
+
+class Faulty(Effect):
+    """A class of effects with mistakes."""
+
+    id = "faulty"
+    sits = "arm"
+    coordinates = ("theta_1", "theta_2", "theta_3")
+    reported = (TermParameter("a", "rad", 1e-5), TermParameter("b", "rad", 1e-5, plausible=1e-4))
+
+    def per_unit(self, states):
+        return np.ones((len(states), len(self.reported), len(self.coordinates)))
+
+
+def test_mistakes_of_a_class_are_refused(context, states):
+    of_arm = Faulty("arm")
+    with pytest.raises(ValueError, match=r"per_unit of faulty: shape \(\d+, 2, 3\) in place"):
+        of_arm.derivative(states, np.zeros(2))
+    with pytest.raises(ValueError, match="faulty of arm: a linear parameter has no plausible size"):
+        of_arm.size(np.ones(2))
+
+    class Elsewhere(Faulty):
+        sits = "drivenjoint"
+
+    with pytest.raises(ValueError, match=r"Elsewhere sits at none of .*'drivenjoint'"):
+        Elsewhere.everywhere(context)
+
+    @dataclass(frozen=True)
+    class OfNoJoint(Faulty):
+        rated_Nm: float
+
+    with pytest.raises(ValueError, match="OfNoJoint has rated_Nm of a joint and sits at none"):
+        OfNoJoint.everywhere(context)

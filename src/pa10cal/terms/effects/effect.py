@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, fields, replace
 from functools import cache, cached_property
 from importlib import import_module
-from typing import Annotated, Any, ClassVar, Literal, Self, TypeGuard, TypeVar
+from typing import Annotated, Any, ClassVar, Literal, Self, TypeGuard, TypeVar, get_args
 
 import numpy as np
 from pydantic import AfterValidator
@@ -108,10 +108,6 @@ _OF_JOINT: dict[str, Callable[[CandidateContext, int], Any]] = {
 }
 
 
-#: Fields of effects that say how large one is expected to be, or in which range it is sought.
-_RANGES_AND_SIZES = frozenset({"rated_Nm", "span_Nm", "spectrum"})
-
-
 @dataclass(frozen=True)
 class Limits:
     """What an effect cannot be physically: a name beyond that is refused.
@@ -127,6 +123,19 @@ class Limits:
     why: str = ""  # reason of the limit of values or of the rotation
 
 
+#: Where a class of effects may sit; see `Effect.sits`.
+Place = Literal[
+    "joint",
+    "driven joint",
+    "slide",
+    "long link",
+    "wrist",
+    "load",
+    "base",
+    "tool",
+    "arm",
+    "instrument",
+]
 #: How searches try an effect.
 RoleInSearch = Literal[
     "candidate",  # by itself, at every place where it is possible
@@ -155,9 +164,12 @@ class Effect(Traits):
 
     #: `joint`, at every joint that turns; `driven joint`, at those of them with a motor of their
     #: own, as effects of motor, gear and sensor; `slide`, at every joint that slides before all
-    #: that turn, a rail or column; `long link` and `load`, at those that `everywhere` of its class
-    #: finds; or else at this one place.
-    sits: ClassVar[str]
+    #: that turn, a rail or column; `long link`, `wrist` and `load`, at those that its class finds;
+    #: or else at this one place.
+    sits: ClassVar[Place]
+    #: Its fields that say how large it is expected to be, or in which range it is sought: an effect
+    #: of another model may differ in them (`same_as`), not in those that scale its form.
+    ranges_and_sizes: ClassVar[frozenset[str]] = frozenset({"rated_Nm", "spectrum"})
 
     # In words. Asked by `terms/wording`, its formula by model files and lists of effects, the
     # advice by `discovery/verdict`.
@@ -193,7 +205,13 @@ class Effect(Traits):
 
     @classmethod
     def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
-        """Return the effect at every place where it may sit."""
+        """Return the effect at every place where it may sit.
+
+        Raises:
+            ValueError: when its class `sits` at no such place.
+        """
+        if cls.sits not in get_args(Place):
+            raise ValueError(f"{cls.__name__} sits at none of {get_args(Place)}: {cls.sits!r}")
         joints = _JOINTS[cls.sits](context) if cls.sits in _JOINTS else (0,)
         rest = {joint: cls.fields_at(context, joint) for joint in joints}
         return tuple(
@@ -207,8 +225,13 @@ class Effect(Traits):
         """Return its fields after `of` at a joint (0 elsewhere); None where it is not possible.
 
         By default fields named in `_OF_JOINT`, and None where the joint lacks one of these.
+
+        Raises:
+            ValueError: when it has such fields and sits at no joint.
         """
         names = [field.name for field in fields(cls) if field.name in _OF_JOINT]
+        if names and not joint:
+            raise ValueError(f"{cls.__name__} has {', '.join(names)} of a joint and sits at none")
         taken = tuple(_OF_JOINT[name](context, joint) for name in names)
         return taken if all(taken) else None
 
@@ -261,7 +284,7 @@ class Effect(Traits):
         return super().same_as(other) and all(
             _same_value(getattr(self, each.name), getattr(other, each.name))
             for each in fields(self)
-            if each.name not in _RANGES_AND_SIZES
+            if each.name not in self.ranges_and_sizes
         )
 
     @property
@@ -294,7 +317,7 @@ class Effect(Traits):
     def per_unit(self, states: PoseStates) -> Array:
         """Return the derivative of its coordinates by each parameter, (P, m, k).
 
-        Axes of length one may be absent.
+        Axes of length one may be absent, and that of the parameters may be several.
         """
         raise NotImplementedError(f"{self.id} has no form")
 
@@ -303,8 +326,16 @@ class Effect(Traits):
         return np.asarray(self.derivative(states, x) @ x)
 
     def derivative(self, states: PoseStates, x: Array) -> Array:
-        """Return the derivative of `shift` by x, (P, m, k)."""
-        return self.per_unit(states).reshape(len(states), len(self.coordinates), len(x))
+        """Return the derivative of `shift` by x, (P, m, k).
+
+        Raises:
+            ValueError: when `per_unit` has another shape.
+        """
+        shape, unit = (len(states), len(self.coordinates), len(x)), self.per_unit(states)
+        axes = [n for n in unit.shape[1:] if n != 1]
+        if unit.size != math.prod(shape) or (shape[1] != 1 and axes[0] != shape[1]):
+            raise ValueError(f"per_unit of {self.id}: shape {unit.shape} in place of {shape}")
+        return unit.reshape(shape)
 
     def limits_at(self, reach_m: float) -> Limits:
         """Return its limits in an arm of this reach [m]."""
@@ -315,7 +346,10 @@ class Effect(Traits):
 
         A row is one angle in one pose.
         """
-        turns = [not name.endswith((".x", ".y", ".z")) for name in self.coordinates]
+        turns = [
+            not name.startswith(("a_", "d_")) and not name.endswith((".x", ".y", ".z"))
+            for name in self.coordinates
+        ]
         by_x = self.derivative(states, x)[:, turns].reshape(-1, len(x))
         return self.shift(states, x)[:, turns].ravel(), by_x
 
@@ -326,8 +360,14 @@ class Effect(Traits):
 
     @property
     def prior_factor(self) -> Array:
-        """Return L (l, l), where L L^T is the prior covariance of the linear parameters."""
+        """Return L (l, l), where L L^T is the prior covariance of the linear parameters.
+
+        Raises:
+            ValueError: when one of these states no plausible size.
+        """
         sizes = [parameter.plausible for parameter in self.parameters[: self.linear]]
+        if None in sizes:
+            raise ValueError(f"{self.id} of {self.of}: a linear parameter has no plausible size")
         return np.diag(np.array(sizes, dtype=float))
 
     def size(self, x: Array) -> float:
@@ -348,7 +388,7 @@ def _same_value(mine: object, theirs: object) -> bool:
 class AtJoint(Effect):
     """An effect of a joint, by default of one that turns, on its angle."""
 
-    sits: ClassVar[str] = "joint"
+    sits: ClassVar[Place] = "joint"
     varies_with: ClassVar[str] = "its position"
 
     @property

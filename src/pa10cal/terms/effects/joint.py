@@ -544,6 +544,7 @@ class SoftWindup(WindsUp):
     clauses = ("{at} is softer near zero torque", "{at} are softer near zero torque")
     words = "theta_{0.joint} -= A tanh(tau_{0.joint} / tau0)"
     linear = 1  # proportional to A; tau0 shapes it
+    ranges_and_sizes = effect.Effect.ranges_and_sizes | {"span_Nm"}
 
     @property
     def reported(self) -> tuple[TermParameter, ...]:
