@@ -230,12 +230,14 @@ class Verdict(Generic[S]):
 
     # Errors without a name: as they are reported, as the search found them, as the model has them.
 
-    unexplained: tuple[Unexplained, ...] = ()  # reported: where, and why there is no name
-    nameless: tuple[Effect, ...] = ()  # smooth functions that the search chose, not in the model
+    # parts of the error that have no name: where, and why there is none
+    unexplained: tuple[Unexplained, ...] = ()
+    # smooth functions that the search chose for such parts; they are not in the model
+    nameless: tuple[Effect, ...] = ()
     over_noise: bool = False  # whether the search left more than noise
-    # a field in the model that predicts them; None where held-out poses do not gain by one
+    # terms of the model that predict such parts; None where held-out poses do not gain by them
     predicted: Predicted | None = None
-    proposed: tuple[FormulaProposal, ...] = ()  # formulas that may be what they are
+    proposed: tuple[FormulaProposal, ...] = ()  # formulas for such parts, not in the model
 
     # What these data cannot show.
 
