@@ -522,10 +522,10 @@ def _uncertainties(names: Sequence[str]) -> Uncertainties:
         if others is None:
             continue
         of = called.get(others)
-        is_length = unit_of(name) in LENGTHS and has_word(words, "scatter")
+        is_length = unit_of(name) in LENGTHS and has_word(words, "uncertain length")
         if of is not None and of != name:
             found.of_column[of] = name
-        elif has_coverage or is_length or has_word(words, "uncertainty"):
+        elif has_coverage or is_length or has_word(words, "uncertain target"):
             found.of_target[others] = name
     return found
 
