@@ -14,6 +14,7 @@ import numpy as np
 
 from pa10cal.calibration.grade_evidence import most_stated
 from pa10cal.calibration.rules import GRADES
+from pa10cal.discovery.balancers import with_balancers
 from pa10cal.discovery.credible_amounts import holds_zero
 from pa10cal.discovery.field import with_field
 from pa10cal.discovery.finding import Finding, Rival, is_named, name_of
@@ -62,7 +63,7 @@ AGAINST_NONE_BY_REPEATS = (*AGAINST_NONE, "incomplete")
 def gated(found: Verdict[S]) -> Verdict[S]:
     """Return a verdict with names that pass the checks, or a `none` that passes its own."""
     found = _with_names_that_pass(found)
-    found = _with_one_kind(_with_likeliest_names(found))
+    found = _with_one_kind(_with_likeliest_names(with_balancers(found)))
     found = _without_unproven_statements(_without_unlikely_names(found))
     found = _without_names_that_move_nothing(_with_other_leads(with_cable_torques(found)))
     if found.verdict == "none" and (reasons := tuple(reasons_against_none(found))):

@@ -235,7 +235,27 @@ def context_of(
         commanded=setup.commanded,
         campaigns=tuple(name for name, _ in campaigns),
         three_axes=all(each.three_axes for each in parts),
+        weights_waves_Nm=_weights_waves_Nm(states, baseline.model.chain.arm),
     )
+
+
+def _weights_waves_Nm(states: PoseStates, arm: Arm) -> dict[int, tuple[float, float]]:
+    """Return sine and cosine part of the weights' torque by the angle of each joint that turns.
+
+    In the phase of the joint's own link, as other links stand elsewhere at other angles.
+    """
+    if states.static_loads is None:
+        return {}
+    waves = {}
+    for joint in np.flatnonzero(~arm.prismatic).tolist():
+        q_rad, loads = states.q_rad[:, joint], states.static_loads
+        design = np.stack([np.sin(q_rad), np.cos(q_rad), np.ones_like(q_rad)], axis=-1)
+        torques = np.stack([loads.joint_Nm[:, joint], loads.by_weights[:, joint, 4 * joint]], -1)
+        all_links, own_link = np.linalg.lstsq(design, torques, rcond=None)[0][:2].T
+        if size := float(np.hypot(*own_link)):
+            sine, cosine = np.hypot(*all_links) * own_link / size
+            waves[joint + 1] = (float(sine), float(cosine))
+    return waves
 
 
 # Which effects are sought, and which of these poses can show: decided without the residuals.

@@ -75,6 +75,7 @@ from pa10cal.results.discovery import SearchByRepeats, SharedError
 from pa10cal.terms.effects.effect import CandidateContext, Effect
 from pa10cal.terms.forms.form import Form
 from pa10cal.terms.offsets import motion_of_base
+from pa10cal.terms.term import shows_torque
 from pa10cal.terms.weights import is_fault
 
 #: Times by which averaged poses differ less than this are the same [s] (computing).
@@ -382,7 +383,9 @@ def _sought(problem: EvidenceProblem) -> tuple[Effect, ...]:
 
 def _sought_in(context: CandidateContext, baseline: FittedModel) -> tuple[Effect, ...]:
     every = preparation.sought(context, baseline.model.terms)
-    return tuple(effect for effect in every if effect.role_in_search != "substitute")
+    return tuple(
+        effect for effect in every if effect.role_in_search != "substitute" or shows_torque(effect)
+    )
 
 
 def _with_time(

@@ -9,8 +9,8 @@ import inspect
 import math
 import pkgutil
 from abc import abstractmethod
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, fields, replace
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, fields, replace
 from functools import cache, cached_property
 from importlib import import_module
 from typing import Annotated, Any, ClassVar, Literal, Self, TypeGuard, TypeVar, get_args
@@ -75,6 +75,9 @@ class CandidateContext:
     campaigns: tuple[str, ...] = ()  # names of the campaigns of a group; none of a single one
     # whether the instrument moves along axes of its own, each with its scale; None where not known
     three_axes: bool | None = None
+    # sine and cosine part, by a joint's angle, of the torque that the described weights put on a
+    # joint (from 1) that turns and that they load [N m]
+    weights_waves_Nm: Mapping[int, tuple[float, float]] = field(default_factory=dict)
 
     @property
     def rated_Nm(self) -> Array:
