@@ -89,7 +89,9 @@ def context_of(arm, **known) -> CandidateContext:
         "p_instr_middle_m": np.array([0.4, 0.5, 0.6]),
         "q_span_rad": np.tile([-1.5, 1.5], (arm.n, 1)),
         "time_span_s": (100.0, 4e4),
+        "torques": "masses",
         "commanded": True,
+        "lifts": (2, 5.0, -80.0),
     }
     return CandidateContext(arm, **usual | known)
 

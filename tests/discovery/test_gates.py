@@ -407,7 +407,10 @@ class TestNone:
         baseline = replace(found.prepared.baseline, fitted_to=about)
         suspect = replace(found, prepared=replace(found.prepared, baseline=baseline))
         assert gated(suspect).verdict == "unexplained"
-        assert why(gated(suspect)) == "no effect was found, yet the calibration is suspect_input"
+        assert (
+            why(gated(suspect))
+            == "nothing was found beside the calibrated model, yet the calibration is suspect_input"
+        )
         for grade in ("good", "few_poses", "incomplete"):
             other = replace(baseline, fitted_to=fitted_to("c", grade=grade))
             judged = gated(replace(found, prepared=replace(found.prepared, baseline=other)))

@@ -453,3 +453,36 @@ def test_torques_of_the_other_sign_are_no_weights():
     arm = weighed(described(), ARM, replace(logged, states=states))
     assert not weights_finding(arm)
     np.testing.assert_array_equal(arm.mass_kg, ARM.mass_kg)
+
+
+def supported(force_N, anchor_m=(-0.3, -0.2), radius_m=0.25):
+    """Return readings of an arm whose link 2 a gas spring pushes up, by virtual work on its length.
+
+    Its cylinder is pinned to the column and to a lever behind the axis of joint 2.
+    """
+    every = readings()
+
+    def length_m(q_rad):
+        pin_m = -radius_m * np.stack([np.cos(q_rad), np.sin(q_rad)], axis=-1)
+        return np.linalg.norm(pin_m - np.array(anchor_m), axis=-1)
+
+    step, q_rad = 1e-6, every.states.q_rad[:, 1]
+    by_angle = (length_m(q_rad + step) - length_m(q_rad - step)) / (2.0 * step)
+    more_Nm = np.zeros((len(q_rad), ARM.n))
+    more_Nm[:, 1] = -force_N * by_angle
+    return with_torques_more(every, more_Nm)
+
+
+def test_a_gas_spring_is_no_centre_of_mass_outside_its_link():
+    (finding,) = weights_finding(weighed(described(), ARM, supported(1500.0)))
+    assert "centre of mass" not in finding.what
+    assert "gas spring that nobody stated acts on joint 2" in finding.what
+
+
+def test_a_wrong_centre_of_the_link_that_lifts_may_be_a_balancer_and_that_of_another_not():
+    for link, may_be in ((2, True), (3, False)):
+        com_m = ARM.com_m.copy()
+        com_m[link - 1, 0] += 0.3
+        (finding,) = weights_finding(weighed(described(), replace(ARM, com_m=com_m), readings()))
+        assert f"centre of mass of link {link}" in finding.what
+        assert (f"acts on joint {link}" in finding.what) == may_be

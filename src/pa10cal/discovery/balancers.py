@@ -15,13 +15,13 @@ from scipy.stats import multivariate_normal
 from pa10cal.discovery.finding import Finding, Rival
 from pa10cal.discovery.no_harm import worse_than
 from pa10cal.discovery.refitted_verdict import fitted_instead, instead, with_findings
-from pa10cal.discovery.rules import EVIDENCE, NAMES
+from pa10cal.discovery.rules import EVIDENCE, NAMES, PROBABILITIES
 from pa10cal.discovery.verdict import Scorer, Verdict, with_unknown_cause
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.terms.effects.balancer import Balancer
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint import EncoderEccentricity, EncoderEllipticity, GearRatioError
-from pa10cal.terms.joint_spring import is_spring
+from pa10cal.terms.joint_spring import JointSpring, is_spring
 
 S = TypeVar("S", bound=Scorer)
 
@@ -37,36 +37,46 @@ def with_balancers(found: Verdict[S]) -> Verdict[S]:
     for balancer in Balancer.everywhere(found.context):
         for finding in found.findings:
             if finding.of == balancer.of:
-                wider = replace(finding, rivals=_with_odds(found.model, finding, balancer))
+                wider = _with_odds(found.model, finding, balancer)
                 found = replace(found, findings=instead(found, wider))
         found = _in_place_of_several(found, balancer)
     return found
 
 
-def _with_odds(model: FittedModel, finding: Finding, balancer: Balancer) -> tuple[Rival, ...]:
-    """Return the rivals of a finding at a balancer's joint, with the prior odds of either."""
+def _with_odds(model: FittedModel, finding: Finding, balancer: Balancer) -> Finding:
+    """Return a finding at a balancer's joint with the prior odds of either.
+
+    An eccentricity has the balancer among its alternatives, since it moves the arm the same.
+    """
+    odds, rivals = balancer.prior_odds, finding.rivals
     if finding.id == Balancer.id:
-        return tuple(
-            replace(each, prior_odds=each.prior_odds / balancer.prior_odds)
-            for each in finding.rivals
+        rivals = tuple(replace(each, prior_odds=each.prior_odds / odds) for each in rivals)
+        return replace(finding, rivals=rivals)
+    springs = [each for each in model.model.terms if is_spring(each) and each.of == balancer.of]
+    if finding.id == EncoderEccentricity.id and springs:
+        others = tuple(each for each in finding.alternatives if each.id != Balancer.id)
+        nats = _nats_by_sizes(model, finding.effect, balancer, springs[0])
+        finding = replace(finding, alternatives=(balancer, *others))
+        rivals = (
+            *(each for each in rivals if each.effect.id != Balancer.id),
+            Rival(balancer, np.array([nats])),
         )
-    scored = [each for each in finding.rivals if each.effect.id == Balancer.id]
-    rest = tuple(each for each in finding.rivals if each.effect.id != Balancer.id)
-    if finding.id == EncoderEccentricity.id:
-        nats = _nats_by_sizes(model, finding.effect, balancer)
-        scored = [Rival(balancer, np.array([nats]))]
-    return (*rest, *(replace(each, prior_odds=balancer.prior_odds) for each in scored))
+    rivals = tuple(
+        replace(each, prior_odds=odds) if each.effect.id == Balancer.id else each for each in rivals
+    )
+    return replace(finding, rivals=rivals)
 
 
-def _nats_by_sizes(model: FittedModel, eccentric: Effect, balancer: Balancer) -> float:
+def _nats_by_sizes(
+    model: FittedModel, eccentric: Effect, balancer: Balancer, spring: JointSpring
+) -> float:
     """Return the log odds of a balancer against an eccentricity of a model that looks the same.
 
     A sine of the angle is either. What is expected of each in size and phase parts them.
     """
     x, columns = model.values_of(eccentric), model.model.columns_of(eccentric)
     by_fit = np.zeros((2, 2)) if model.covariance is None else model.covariance[columns, columns]
-    soft = [each for each in model.model.terms if is_spring(each) and each.of == balancer.of]
-    rad_Nm = sum(float(model.values_of(each)[0]) / each.tau_ref_Nm for each in soft)
+    rad_Nm = float(model.values_of(spring)[0]) / spring.tau_ref_Nm
     nats = [
         logsumexp(
             [
@@ -91,7 +101,14 @@ def _in_place_of_several(found: Verdict[S], balancer: Balancer) -> Verdict[S]:
     likeliest = max(names, key=probability)
     if not probability(likeliest):
         return found
-    tried = fitted_instead(found, likeliest, likeliest.exchanged_for(balancer))
+    alone = likeliest.exchanged_for(balancer)
+    rivals = tuple(
+        replace(each, prior_odds=each.prior_odds * PROBABILITIES.second)
+        if each.effect.id in _BY_ANGLE
+        else each
+        for each in alone.rivals
+    )
+    tried = fitted_instead(found, likeliest, replace(alone, rivals=rivals))
     if tried is None:
         return found
     gone = [each.effect for each in names if each is not likeliest]

@@ -62,12 +62,12 @@ AGAINST_NONE_BY_REPEATS = (*AGAINST_NONE, "incomplete")
 
 def gated(found: Verdict[S]) -> Verdict[S]:
     """Return a verdict with names that pass the checks, or a `none` that passes its own."""
-    found = _with_names_that_pass(found)
-    found = _with_one_kind(_with_likeliest_names(with_balancers(found)))
+    found = _with_names_that_pass(with_balancers(found))
+    found = _with_one_kind(_with_likeliest_names(found))
     found = _without_unproven_statements(_without_unlikely_names(found))
     found = _without_names_that_move_nothing(_with_other_leads(with_cable_torques(found)))
     if found.verdict == "none" and (reasons := tuple(reasons_against_none(found))):
-        why = f"no effect was found, yet {'; '.join(reasons)}"
+        why = f"nothing was found beside the calibrated model, yet {'; '.join(reasons)}"
         unknown = Unexplained(
             of=None, form=None, shared_error_mm=found.train.after.mean_mm, why=why
         )
@@ -529,4 +529,5 @@ def reasons_against_none(found: Verdict) -> Iterator[str]:
     if grade == "incomplete" and shown:
         yield f"the calibration is {grade}, with suspected outliers: {shown}"
     elif grade in (AGAINST_NONE_BY_REPEATS if by_repeats else AGAINST_NONE):
-        yield f"the calibration is {grade}"
+        suspicions = () if fitted is None else fitted.suspicions
+        yield ": ".join([f"the calibration is {grade}", *(str(each) for each in suspicions[:1])])

@@ -235,27 +235,30 @@ def context_of(
         commanded=setup.commanded,
         campaigns=tuple(name for name, _ in campaigns),
         three_axes=all(each.three_axes for each in parts),
-        weights_waves_Nm=_weights_waves_Nm(states, baseline.model.chain.arm),
+        lifts=_lifts(states, baseline.model.chain.arm),
     )
 
 
-def _weights_waves_Nm(states: PoseStates, arm: Arm) -> dict[int, tuple[float, float]]:
-    """Return sine and cosine part of the weights' torque by the angle of each joint that turns.
+def _lifts(states: PoseStates, arm: Arm) -> tuple[int, float, float] | None:
+    """Return the first joint that lifts the arm, and the torque there; see `CandidateContext`.
 
-    In the phase of the joint's own link, as other links stand elsewhere at other angles.
+    It is in the phase of the joint's own link, as other links stand elsewhere at other angles.
     """
     if states.static_loads is None:
-        return {}
-    waves = {}
-    for joint in np.flatnonzero(~arm.prismatic).tolist():
-        q_rad, loads = states.q_rad[:, joint], states.static_loads
-        design = np.stack([np.sin(q_rad), np.cos(q_rad), np.ones_like(q_rad)], axis=-1)
-        torques = np.stack([loads.joint_Nm[:, joint], loads.by_weights[:, joint, 4 * joint]], -1)
-        all_links, own_link = np.linalg.lstsq(design, torques, rcond=None)[0][:2].T
-        if size := float(np.hypot(*own_link)):
-            sine, cosine = np.hypot(*all_links) * own_link / size
-            waves[joint + 1] = (float(sine), float(cosine))
-    return waves
+        return None
+    torque_Nm = states.static_loads.joint_Nm
+    most_Nm = np.where(arm.prismatic, 0.0, np.abs(torque_Nm).max(axis=0))
+    if not most_Nm.any():
+        return None
+    joint = int(np.argmax(most_Nm > CANDIDATES.lifts_share * most_Nm.max()))
+    q_rad, own_Nm = states.q_rad[:, joint], states.static_loads.by_weights[:, joint, 4 * joint]
+    design = np.stack([np.sin(q_rad), np.cos(q_rad), np.ones_like(q_rad)], axis=-1)
+    by_angle = np.linalg.lstsq(design, np.stack([torque_Nm[:, joint], own_Nm], -1), rcond=None)[0]
+    every, own = by_angle[:2].T
+    if not own.any():
+        return None
+    sine, cosine = (np.hypot(*every) / np.hypot(*own) * own).tolist()
+    return joint + 1, sine, cosine
 
 
 # Which effects are sought, and which of these poses can show: decided without the residuals.

@@ -91,8 +91,8 @@ class Candidates:
     wave_rad: float = 3e-4  # their prior size [rad] (size)
     named_orders: int = 2  # highest order that has a name of its own (vocabulary)
     near_order: float = 0.5  # distance of other such orders from twice the gear ratio (vocabulary)
-    # standard uncertainty of targets on the apparatus, an axis [m] (size)
-    apparatus_m: float = 5e-6
+    apparatus_m: float = 5e-6  # standard uncertainty of an apparatus' targets, an axis [m] (size)
+    lifts_share: float = 0.1  # least torque of a joint that lifts the arm, of the largest (size)
 
 
 @dataclass(frozen=True)
@@ -257,14 +257,14 @@ class Probabilities:
     # probability from which on predictions hold another explanation of the readings (level)
     other_readings: float = 0.25
     pull: float = 0.3  # prior odds of a pull at a joint against its gear ratio (trials)
+    second: float = 0.05  # odds of two errors of the same joint's angle against one cause (level)
     unknown: float = 0.01  # probability that no effect that was tried is present (trials)
     # the same where repeats judge and more than noise is left without a name (trials)
     unknown_beside: float = 0.17
     # probability, of touches, that a log of another instant is a machine that reads by the side
     # from which it comes: both follow the move to the pose, and no such error is tried (chosen)
     machine_reverses: float = 0.25
-    # plausible sizes of an effect from which on the odds of something else grow (size)
-    usual_sizes: float = 2.0
+    usual_sizes: float = 2.0  # plausible sizes from which on odds of something else grow (size)
     # power by which they grow: an encoder 2.4 mrad off its centre was a counterbalance (trials)
     size_power: float = 3.0
     # where blocks judge: odds of an effect that removes as much of the squared error as remains,

@@ -171,7 +171,7 @@ def with_assumed_weights(arm: Arm, total_kg: float | None = None) -> Arm:
     """
     if arm.mass_kg is not None:
         return arm
-    near_m, far_m = _ends(arm)
+    near_m, far_m = link_ends(arm)
     length_m = np.linalg.norm(far_m - near_m, axis=1)
     size_m = length_m + MASSES.drives_share * arm.reach_m
     mass_kg = size_m / size_m.sum()
@@ -184,7 +184,7 @@ def with_assumed_weights(arm: Arm, total_kg: float | None = None) -> Arm:
     return replace(arm, mass_kg=mass_kg, com_m=0.5 * (near_m + far_m), weights_known=known)
 
 
-def _ends(arm: Arm) -> tuple[Array, Array]:
+def link_ends(arm: Arm) -> tuple[Array, Array]:
     """Return start and end of each link, (n, 3) both, in the frame of its own row [m].
 
     A link starts at its joint and ends at the next one; the last link ends at the end-effector.

@@ -22,7 +22,7 @@ from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Array, spread
 from pa10cal.fit.fitted import Fitted
 from pa10cal.fit.logged_torques import LoggedTorques
-from pa10cal.fit.uncertain_weights import implausible_masses, with_assumed_weights
+from pa10cal.fit.uncertain_weights import implausible_masses, link_ends, with_assumed_weights
 from pa10cal.observe.arrivals import with_arrivals
 from pa10cal.observe.observations import Observations, average_repeats
 from pa10cal.results.calibration import InputFinding
@@ -138,7 +138,10 @@ def weights_finding(arm: Arm) -> tuple[InputFinding, ...]:
         InputFinding(
             what=known.why,
             where=f"{arm.name}: mass_kg, com_m",
-            remedy="correct the masses in the arm's description, or the tool in campaign.yaml",
+            remedy=(
+                "if they are wrong, correct the masses in the arm's description, or the tool in "
+                "campaign.yaml"
+            ),
             kind="masses",
             would_leave_mm=None,
         ),
@@ -345,15 +348,67 @@ def _contradiction_text(
     """Return a clause with what is stated of a link and what is in the log."""
     link, part, or_part = contradiction.part.link, contradiction.part, contradiction.or_part
     beside = [each for each in freed if each is not part]
-    clauses = []
+    clauses, most_Nm = [], 0.0
     for each in filter(None, (part, or_part)):
         sizes = _freed(torques, [*beside, each])
-        fit = torques.fitted_in_scale_of_log(sizes, torques.errors_shown(sizes))
-        clauses.append(_part_text(torques.arm, each, fit.amounts))
+        amounts = torques.fitted_in_scale_of_log(sizes, torques.errors_shown(sizes)).amounts
+        columns = list(each.columns)
+        more_Nm = torques.by_weights[:, link, columns] @ amounts[columns]
+        most_Nm = max(most_Nm, float(np.abs(more_Nm).max()))
+        if _is_possible(torques.arm, each, amounts) or not _loads_one_joint(torques, link):
+            clauses.append(_part_text(torques.arm, each, amounts))
+    balancer = (
+        f"a balancer, counterweight or gas spring that nobody stated acts on joint {link + 1}"
+    )
+    if not clauses:
+        return (
+            f"the logged torques of joint {link + 1} differ from those of the weights by up to "
+            f"{plain_number(most_Nm)} N m, which go with its angle, as no mass or centre that link "
+            f"{link + 1} can have makes them: {balancer}; predictions take it as a weight of this "
+            "link, which holds at the angles that were measured"
+        )
+    if _loads_one_joint(torques, link):
+        clauses.append(balancer)
     text = ", or else ".join(clauses)
     if or_part is None:
         return text
     return f"the mass or the centre of link {link + 1} is stated wrongly: {text}"
+
+
+def _loads_one_joint(torques: LoggedTorques, link: int) -> bool:
+    """Return whether the weight of a link (from 0) loads its own joint alone.
+
+    That is the first joint that lifts: a torque there that goes with its angle looks the same.
+    """
+    by_link = np.abs(torques.by_weights[:, :, 4 * link : 4 * link + 3]).max(axis=(0, 2))
+    others = np.delete(by_link, link)
+    return bool(others.max() <= MASSES.resolved_share * by_link[link])
+
+
+def _is_possible(arm: Arm, part: _Part, amounts: Array) -> bool:
+    """Return whether a link can have the mass or the centre that torques have of it.
+
+    A centre lies between the ends of the link, or no further from these than a drive reaches, or
+    than what is stated.
+    """
+    assert arm.mass_kg is not None
+    assert arm.com_m is not None
+    link = part.link
+    log_kg = arm.mass_kg[link] + amounts[4 * link]
+    if part.what == "mass":
+        return bool(log_kg > MASSES.least_drawn_share * arm.mass_kg[link])
+    near_m, far_m = (ends[link] for ends in link_ends(arm))
+    moment_kg_m = amounts[4 * link + 1 : 4 * link + 4]
+    log_m = arm.com_m[link] + moment_kg_m / max(log_kg, _NO_MASS_KG)
+    along = far_m - near_m
+    squared = max(float(along @ along), _NO_SIZE)
+    stated_m, away_m = (
+        float(
+            np.linalg.norm(p - near_m - np.clip((p - near_m) @ along / squared, 0.0, 1.0) * along)
+        )
+        for p in (arm.com_m[link], log_m)
+    )
+    return away_m <= max(stated_m, MASSES.drives_share * arm.reach_m)
 
 
 def _part_text(arm: Arm, part: _Part, amounts: Array) -> str:

@@ -74,6 +74,7 @@ EITHER_SIGN = {
     "along_move",
     "arrival_error",
     "axis_wobble",
+    "balancer",
     "base_drift",
     "cmm_scale",
     "cmm_squareness",

@@ -114,7 +114,7 @@ OF_DRIVES = {
 def test_a_joint_that_only_follows_others_has_no_motor_gear_or_sensor_that_errs():
     follows = {"joint": 3, "by": 2, "factor": -1.0, "follows": True}
     arm = described(industrial(np.random.default_rng(1), 1), follows)
-    context = context_of(arm, flexible_joints=())
+    context = context_of(arm, flexible_joints=(), lifts=None)
     possible = {
         of: {kind.id for kind in every_effect() if of in {e.of for e in kind.everywhere(context)}}
         for of in ("joint 2", "joint 3")

@@ -10,11 +10,9 @@ import numpy as np
 from pa10cal.arm.description import weights_known
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
-from pa10cal.terms.effects.effect import CandidateContext, JointEffect, driven_joints
+from pa10cal.terms.effects.effect import CandidateContext, JointEffect
 from pa10cal.terms.term import JointTorqueOnly, TermParameter
 
-#: Least part of the largest torque of all joints that the weights put on one that lifts them.
-_LIFTS = 0.1
 #: Plausible torque of a balancer, as part of the weights' that goes with the joint's angle; and of
 #: it the part out of gravity's phase, as of pins 11 degrees off, and that of twice the angle.
 _SHARE, _ACROSS, _TWICE = 0.3, 0.2, 0.3
@@ -56,15 +54,12 @@ class Balancer(JointTorqueOnly, JointEffect):
 
     @classmethod
     def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
-        """Return the torque of the weights at the first joint that lifts, on a spring."""
+        """Return the torque of the weights at the first joint that lifts the arm."""
         if context.torques != "masses" or weights_known(context.arm).origin != "stated":
             return None
-        most_Nm = context.largest_tau_Nm
-        lifting = np.flatnonzero(most_Nm > _LIFTS * most_Nm.max())
-        first = int(lifting[0]) + 1 if lifting.size else 0
-        possible = joint == first and joint in driven_joints(context)
-        wave_Nm = context.weights_waves_Nm.get(joint)
-        return (wave_Nm,) if possible and joint in context.flexible_joints and wave_Nm else None
+        if context.lifts is None or context.lifts[0] != joint:
+            return None
+        return (context.lifts[1:],)
 
     @property
     def prior_odds(self) -> float:
@@ -74,23 +69,20 @@ class Balancer(JointTorqueOnly, JointEffect):
     @property
     def reported(self) -> tuple[TermParameter, ...]:
         """Return sine and cosine of the angle and of twice the angle [N m]."""
-        size_Nm = _SHARE * float(np.hypot(*self.weights_Nm))
-        scale_Nm = 1e-2 * size_Nm
-        once = (TermParameter(name, "N m", scale_Nm, plausible=size_Nm) for name in ("s_1", "c_1"))
-        twice_Nm = _TWICE * size_Nm
-        twice = (
-            TermParameter(name, "N m", scale_Nm, plausible=twice_Nm) for name in ("s_2", "c_2")
+        sizes_Nm = np.linalg.norm(self.prior_factor, axis=1).tolist()
+        scale_Nm = 1e-2 * max(sizes_Nm)
+        return tuple(
+            TermParameter(name, "N m", scale_Nm, plausible=size_Nm)
+            for name, size_Nm in zip(("s_1", "c_1", "s_2", "c_2"), sizes_Nm, strict=True)
         )
-        return (*once, *twice)
 
     @property
     def prior_factor(self) -> Array:
         """Return the factor of the prior covariance: mostly in gravity's phase, see `_ACROSS`."""
-        sine, cosine = np.array(self.weights_Nm) / np.hypot(*self.weights_Nm)
-        factor = super().prior_factor
-        factor[:2, :2] = factor[0, 0] * np.array(
-            [[sine, -_ACROSS * cosine], [cosine, _ACROSS * sine]]
-        )
+        sine, cosine = _SHARE * np.array(self.weights_Nm)
+        twice = _TWICE * np.hypot(sine, cosine)
+        factor = np.diag([0.0, 0.0, twice, twice])
+        factor[:2, :2] = [[sine, -_ACROSS * cosine], [cosine, _ACROSS * sine]]
         return factor
 
     def per_unit(self, states: PoseStates) -> Array:

@@ -9,8 +9,8 @@ import inspect
 import math
 import pkgutil
 from abc import abstractmethod
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, fields, replace
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, fields, replace
 from functools import cache, cached_property
 from importlib import import_module
 from typing import Annotated, Any, ClassVar, Literal, Self, TypeGuard, TypeVar, get_args
@@ -18,7 +18,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self, TypeGuard, TypeVar, 
 import numpy as np
 from pydantic import AfterValidator
 
-from pa10cal.arm.description import Arm, weights_known
+from pa10cal.arm.description import Arm, neighbouring_axes, weights_known
 from pa10cal.arm.statics import ObservedTargets, PoseStates, StaticLoads
 from pa10cal.arrays import Array
 from pa10cal.errors import CalibrationError
@@ -75,9 +75,9 @@ class CandidateContext:
     campaigns: tuple[str, ...] = ()  # names of the campaigns of a group; none of a single one
     # whether the instrument moves along axes of its own, each with its scale; None where not known
     three_axes: bool | None = None
-    # sine and cosine part, by a joint's angle, of the torque that the described weights put on a
-    # joint (from 1) that turns and that they load [N m]
-    weights_waves_Nm: Mapping[int, tuple[float, float]] = field(default_factory=dict)
+    # the first joint, from 1, that lifts the arm; sine and cosine part, by its angle, of the torque
+    # that the described weights put there [N m]. None where none lifts, or nothing is known of it
+    lifts: tuple[int, float, float] | None = None
 
     @property
     def rated_Nm(self) -> Array:
@@ -570,11 +570,22 @@ def vocabulary_of(arm: Arm) -> tuple[tuple[Effect, ...], ...]:
         p_instr_middle_m=np.zeros(3),
         q_span_rad=arm.joint_ranges_rad,
         time_span_s=(0.0, 3600.0),
+        torques="none" if arm.mass_kg is None else "masses",
         commanded=True,
+        lifts=_lifts_if_upright(arm),
     )
     kinds = (kind.everywhere(anywhere) for kind in every_effect() if not kind.generic)
     stated = (tuple(filter(_is_stated, places)) for places in kinds)
     return tuple(places for places in stated if places)
+
+
+def _lifts_if_upright(arm: Arm) -> tuple[int, float, float] | None:
+    """Return which joint lifts an arm whose first axis is upright, under its rated torque."""
+    for axes in neighbouring_axes(arm):
+        both = [joint - 1 for joint in axes.joints]
+        if not axes.parallel and not arm.prismatic[both].any():
+            return axes.joints[1], 0.0, float(arm.rated_Nm(np.ones(arm.n))[both[1]])
+    return None
 
 
 def _is_stated(effect: Effect) -> bool:
