@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from made_up_poses import at_joint, at_rest
+from made_up_poses import at_rest
 from made_up_survey import ARM, Hidden, observe
-from pa10cal.arm.chain import Chain, frames
+from made_up_weights import G_M_S2, K_NM_RAD, holding_Nm, sagging
+from pa10cal.arm.chain import Chain
 from pa10cal.arm.statics import Payload
 from pa10cal.discovery.gates import gated
 from pa10cal.fit.loads import statics_of
@@ -15,34 +16,10 @@ from pa10cal.terms.effects.balancer import Balancer
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
 
-K_NM_RAD, G_M_S2 = 2e4, 9.80665  # the spring of joint 2
 #: A counterweight of link 2 behind its joint: mass [kg] and place in the frame of its row [m].
 COUNTERWEIGHT_KG = 25.0
 NEAR_M, FAR_M = (ends[1] for ends in link_ends(ARM))
 BEHIND_M = NEAR_M + 0.3 * (NEAR_M - FAR_M) / np.linalg.norm(NEAR_M - FAR_M)
-
-
-def potential_J(q_rad, masses):
-    """Return the energy (P,) of masses [(kg, link from 0, place in its frame)]; last the end."""
-    chain = Chain.of(ARM)
-    there = frames(chain, chain.coordinates(q_rad))
-    at = [*there.T_base_rows, there.T_base_ee]
-    return sum(
-        kg * G_M_S2 * (at[link][:, 2, :3] @ place_m + at[link][:, 2, 3])
-        for kg, link, place_m in masses
-    )
-
-
-def holding_Nm(q_rad, masses):
-    """Return the torque (P,) of joint 2 that holds masses, by virtual work."""
-    step = np.zeros(ARM.n)
-    step[1] = 1e-5
-    return (potential_J(q_rad + step, masses) - potential_J(q_rad - step, masses)) / 2e-5
-
-
-#: The arm as described, and the tool of the cell.
-LINKS = [(float(kg), k, ARM.com_m[k]) for k, kg in enumerate(ARM.mass_kg)]
-LINKS += [(1.0, ARM.n, np.array([0.0, 0.0, 0.06]))]
 
 
 def test_a_counterweight_moves_the_arm_as_a_balancer_of_its_angle_alone():
@@ -64,22 +41,15 @@ def test_a_counterweight_moves_the_arm_as_a_balancer_of_its_angle_alone():
     np.testing.assert_allclose(with_term, heavier, atol=1e-8)
 
 
-def told_of_joint_2(further_rad=0.0, phase_rad=0.0, masses=()):
+def told_of_joint_2(further_rad=0.0, masses=()):
     """Return how likely each name of joint 2 is, of a UR10 on a spring there, by its id.
 
     Args:
-        further_rad, phase_rad: amplitude and phase of the sensor's error.
+        further_rad: the sensor's error, times the sine of the joint's angle.
         masses: what the description lacks; see `potential_J`.
     """
 
-    def turn(motion):
-        off_rad = further_rad * np.sin(motion.q_rad[:, 1] + phase_rad)
-        sag_rad = np.zeros(len(off_rad))
-        for _ in range(4):  # to the equilibrium in the posture that it sags to
-            q_rad = motion.q_rad + at_joint(2, off_rad - sag_rad)
-            sag_rad = holding_Nm(q_rad, [*LINKS, *masses]) / K_NM_RAD
-        return at_joint(2, off_rad - sag_rad)
-
+    turn = sagging(masses, lambda q_rad: further_rad * np.sin(q_rad))
     made = observe(Hidden(turn=turn), poses=160, held_out=40, springs=True)
     baseline = with_uncertain_weights(made.baseline, made.setup.payload)
     found = gated(replace(made, baseline=baseline).discovery)

@@ -5,8 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from made_up_survey import observe
+from made_up_survey import Hidden, observe
+from made_up_weights import K_NM_RAD, holding_Nm, sagging
 from pa10cal.discovery import jacobians
+from pa10cal.discovery.preparation import complete
 from pa10cal.discovery.sessions import (
     StepsOfBase,
     changed_between_repeats,
@@ -70,6 +72,21 @@ def test_a_base_that_moves_slowly_is_not_two_sessions(given):
     assert found.of == "the order of the rows"
     assert "give the time of each reading" in found.why
     assert is_moved_in_order(found)
+
+
+def test_a_load_that_is_not_stated_is_no_base_that_moved():
+    """Half a kilogram in the middle of the rows, whose torque is that of virtual work."""
+    made = observe(Hidden(turn=sagging()), poses=POSES, held_out=10, springs=True)
+    at, poses = made.baseline, untimed(made.readings)
+    poses = complete(poses, at, made.setup)
+    in_time = np.argsort(np.argsort(poses.states.time_s, kind="stable"))
+    more_Nm = holding_Nm(poses.states.q_rad, [(0.5, at.arm.n, np.zeros(3))])
+    sag_rad = np.where((in_time >= FIRST) & (in_time < 100), more_Nm / K_NM_RAD, 0.0)
+    by_joint = jacobians.by_joints(at, poses, [2])[:, :3, 0]
+    found = moved_in_order(at, moved(poses, -sag_rad[:, None] * by_joint))
+    assert found.of == "the order of the rows"
+    assert "the arm carries another load than is stated" in found.why
+    assert "load_N" in found.why
 
 
 def test_steps_gain_what_dense_columns_of_moved_poses_explain():

@@ -17,6 +17,7 @@ import numpy as np
 
 from pa10cal.arrays import Array, Index
 from pa10cal.discovery import jacobians
+from pa10cal.discovery.changed import load_change
 from pa10cal.discovery.rules import CHANGE
 from pa10cal.discovery.tuning import SESSIONS
 from pa10cal.fit.discrepancy import less_far_off
@@ -25,6 +26,7 @@ from pa10cal.observe.observations import Observations, reading_groups
 from pa10cal.observe.time_order import like_a_scan, measured_again, sorted_rows
 from pa10cal.results.discovery import Unexplained
 from pa10cal.terms.effects.joint_error_map import is_error_map
+from pa10cal.terms.joint_spring import is_spring
 
 #: The place of what is left unexplained: begins with it for two sessions, is it for more motion.
 _FROM, _ORDER = "the rows from pose", "the order of the rows"
@@ -59,24 +61,50 @@ def moved_in_order(at: FittedModel, poses: Observations) -> Unexplained | None:
         best, by_joints = steps.best(in_order), max(steps.best(order).gain for order in joints)
         return best if best.gain >= SESSIONS.least_nats + max(by_joints, 0.0) else None
 
-    steps = StepsOfBase.of(at, poses)
-    step = shown(steps)
+    def pair(steps: StepsOfBase) -> tuple[_Step | None, _Step | None]:
+        """Return the best step, and the best one beside it."""
+        step = shown(steps)
+        return step, None if step is None else shown(steps.beside(in_order[step.first :]))
+
+    step, again = pair(StepsOfBase.of(at, poses))
+    by_base = sum(each.gain for each in (step, again) if each)
+    if (by_load := _by_load(at, poses)) is not None:
+        on, off = pair(StepsOfBase.of(at, poses, by_load))
+        if on and on.gain + (off.gain if off else 0.0) > by_base:
+            return _unexplained(
+                _ORDER,
+                f"the arm carries another load than is stated, {_from(poses, in_order, on, off)}, "
+                "which explains more than a base or an instrument that moved; state it as load_N "
+                "in its rows",
+            )
     if step is None:
         return None
-    first = poses.pose[in_order[step.first]]
-    again = shown(steps.beside(in_order[step.first :]))
     if again is None:
         return _unexplained(
-            f"{_FROM} {first} on",
+            f"{_FROM} {poses.pose[in_order[step.first]]} on",
             "these disagree with the rows before, as if the base or the instrument had stood "
             "elsewhere; two sessions? join them as a group, each a campaign of its own",
         )
     return _unexplained(
         _ORDER,
-        "the base or the instrument moved in the course of the rows, among others from pose "
-        f"{first} and from pose {poses.pose[in_order[again.first]]} on; give the time of each "
-        "reading, and its motion is sought; of several sessions make a group",
+        "the base or the instrument moved in the course of the rows, "
+        f"{_from(poses, in_order, step, again)}; give the time of each reading, in an order that "
+        "no joint and no load follows, and its motion is sought; of several sessions make a group",
     )
+
+
+def _from(poses: Observations, in_order: Index, *steps: _Step | None) -> str:
+    """Return from which poses on something changed, in words."""
+    at = [f"from pose {poses.pose[in_order[each.first]]} on" for each in steps if each]
+    return f"among others {' and '.join(at)}"
+
+
+def _by_load(at: FittedModel, poses: Observations) -> Array | None:
+    """Return the derivative (P, b, 4) by a load that is not stated; None where none would show."""
+    if poses.states.static_loads is None or not any(is_spring(each) for each in at.model.terms):
+        return None
+    load = load_change(at)
+    return jacobians.by_scaled_effects(at, poses, [load], [np.zeros(load.linear)])[0]
 
 
 def changed_between_repeats(at: FittedModel, readings: Observations) -> Unexplained | None:
@@ -174,37 +202,44 @@ def is_moved_in_order(part: Unexplained) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class StepsOfBase:
-    """Steps of the base beside what a model fits, maps as they are, about what it leaves.
+    """Steps of the base, or of a load, beside what a model fits, about what it leaves.
+
+    Maps stay as they are. The base has m = 6 motions; a load at the flange mass and moments, 4.
 
     Sums over poses, so that those over the poses after each row come one from the other.
     """
 
-    gram: Array  # (P, 6, 6) products of the whitened columns of the base's motions
-    across: Array  # (P, k, 6) their products with orthonormal columns of the model's own unknowns
-    projection: Array  # (P, 6) their products with the residual that these leave
+    gram: Array  # (P, m, m) products of the whitened columns of what may step
+    across: Array  # (P, k, m) their products with orthonormal columns of the model's own unknowns
+    projection: Array  # (P, m) their products with the residual that these leave
     squares: float  # of that residual
     readings: int  # components in it
 
     @classmethod
-    def of(cls, at: FittedModel, poses: Observations) -> StepsOfBase:
-        """Return them at poses, each component over its stated uncertainty."""
+    def of(cls, at: FittedModel, poses: Observations, by_step: Array | None = None) -> StepsOfBase:
+        """Return them at poses, each component over its stated uncertainty.
+
+        Args:
+            by_step: (P, b, m) derivative by what may step; by default by motions of the base.
+        """
         compared = at.compared(poses)
         root = np.sqrt(np.diagonal(poses.measured.stated_covariance, axis1=1, axis2=2))
         weight = less_far_off(poses.measured, compared.residual / root)[:, None] / root
-        by_base = jacobians.by_base(at, poses) * weight[:, :, None]
+        by_step = jacobians.by_base(at, poses) if by_step is None else by_step
+        by_step = by_step * weight[:, :, None]
         fitted = [term for term in at.model.terms if not is_error_map(term)]
         own = jacobians.by_scaled_terms(at, poses, fitted)
         columns = np.concatenate([*own, compared.by_targets], axis=2) * weight[:, :, None]
-        flat = np.concatenate([columns, by_base], axis=2).reshape(weight.size, -1)
+        flat = np.concatenate([columns, by_step], axis=2).reshape(weight.size, -1)
         size = np.linalg.norm(flat, axis=0)
         left, sizes, _ = np.linalg.svd(flat / np.where(size > 0.0, size, 1.0), full_matrices=False)
         span = left[:, sizes > SESSIONS.least_singular * sizes[0]]
         data = (compared.residual * weight).ravel()
         rest = data - span @ (span.T @ data)
         return cls(
-            gram=np.einsum("pbi,pbj->pij", by_base, by_base),
-            across=np.einsum("pbk,pbi->pki", span.reshape(*weight.shape, -1), by_base),
-            projection=np.einsum("pbi,pb->pi", by_base, rest.reshape(weight.shape)),
+            gram=np.einsum("pbi,pbj->pij", by_step, by_step),
+            across=np.einsum("pbk,pbi->pki", span.reshape(*weight.shape, -1), by_step),
+            projection=np.einsum("pbi,pb->pi", by_step, rest.reshape(weight.shape)),
             squares=float(rest @ rest),
             readings=int(np.count_nonzero(rest)),
         )
