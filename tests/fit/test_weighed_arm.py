@@ -16,6 +16,7 @@ from pa10cal.campaign import read as campaign_read
 from pa10cal.campaign.description import CampaignDescription, Masses
 from pa10cal.campaign.table import write_pose_table
 from pa10cal.files.arms import load_arm
+from pa10cal.fit.discrepancy import by_torque_noise_mm
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import statics_of
 from pa10cal.fit.logged_torques import without_torque_errors
@@ -358,6 +359,17 @@ def test_what_is_read_of_a_campaign_has_no_zeros(tmp_path):
             every.states.tau_Nm - statics_of(model, np.zeros(0), every.states, payload).joint_Nm
         )
         np.testing.assert_allclose(left_Nm.mean(axis=0), 0.0, atol=0.1)
+
+
+@pytest.mark.parametrize("noise_Nm", [0.5, 3.0])
+def test_the_noise_of_torques_puts_the_end_off_through_the_springs(noise_Nm):
+    logged, exact = (readings(noise_Nm=each, count=200) for each in (noise_Nm, 0.0))
+    model = model_on_springs(ARM, 1.0)
+    noisy, true = (model.model.predict(each.states, model.x) for each in (logged, exact))
+    off_mm = 1e3 * np.linalg.norm((noisy - true)[:, :3, 3], axis=1)
+    found_mm = by_torque_noise_mm(model, logged, described().payload(ARM))
+    assert found_mm == pytest.approx(np.sqrt(np.mean(off_mm**2)), rel=0.15)
+    assert by_torque_noise_mm(model, logged, None) == 0.0
 
 
 def test_a_mass_that_torques_contradict_is_told_and_taken_from_them():

@@ -21,10 +21,9 @@ from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Array, Index, Mask
 from pa10cal.discovery.jacobians import ideal_by_joints
 from pa10cal.discovery.rules import NOISE
-from pa10cal.discovery.tuning import COMPUTING
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.fit.loads import statics_of
+from pa10cal.fit.logged_torques import torque_scatter_Nm
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations, reading_groups
 from pa10cal.terms.term import yields
@@ -403,16 +402,7 @@ def with_torque_noise(
     if noise.differences or payload is None or not springs:
         return noise
     states = poses.states
-    weights = statics_of(at.model, at.x, states, payload)
-    residual_Nm = states.tau_Nm - weights.joint_Nm
-    torque_Nm, one = np.zeros(states.n), np.ones(len(states))
-    for j in range(states.n):
-        of_weights = weights.joint_Nm[:, j], weights.by_weights[:, j]
-        columns = np.column_stack([one, states.arrival[:, j], states.load_N, *of_weights])
-        x, _, rank, _ = np.linalg.lstsq(columns, residual_Nm[:, j], rcond=COMPUTING.least_singular)
-        dof = len(states) - int(rank)
-        if dof >= NOISE.torques_a_weight * int(rank):
-            torque_Nm[j] = np.sqrt(np.sum((residual_Nm[:, j] - columns @ x) ** 2) / dof)
+    torque_Nm = torque_scatter_Nm(at, states, payload, NOISE.torques_a_weight)
     turned_rad = np.zeros(states.q_rad.shape)
     for spring in springs:
         turned_rad[:, spring.joint - 1] += spring.by_torque(states, at.values_of(spring))

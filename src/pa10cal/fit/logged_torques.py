@@ -16,7 +16,7 @@ import numpy as np
 
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm, weights_known
-from pa10cal.arm.statics import Payload
+from pa10cal.arm.statics import Payload, PoseStates
 from pa10cal.arrays import MEDIAN_TO_SIGMA, Array, Mask
 from pa10cal.fit.fitted import Fitted
 from pa10cal.fit.loads import statics_of
@@ -30,6 +30,8 @@ from pa10cal.terms.model import Model
 
 #: Iterations of robust reweighting (computing).
 _REWEIGHTED = 4
+#: Singular values of what a scatter is about that are none, in the largest (computing).
+_LEAST_SINGULAR = 1e-9
 
 
 def without_torque_errors(every: Observations, arm: Arm) -> Observations:
@@ -67,6 +69,26 @@ def errors_of_logs(
     )
     friction_Nm = MASSES.friction_share * (rated_Nm * arrival)[:, :, None] * diagonal
     return np.concatenate([gain * torque_Nm[:, :, None] * diagonal, friction_Nm, zeros_Nm], axis=2)
+
+
+def torque_scatter_Nm(
+    at: Fitted, states: PoseStates, payload: Payload, torques_a_weight: int = 2
+) -> Array:
+    """Return the scatter (n,) of logged torques about a fit by the torques of the weights.
+
+    Zero for a joint with fewer torques for each fitted column than `torques_a_weight`.
+    """
+    weights = statics_of(at.model, at.x, states, payload)
+    residual_Nm = states.tau_Nm - weights.joint_Nm
+    scatter_Nm, one = np.zeros(states.n), np.ones(len(states))
+    for j in range(states.n):
+        of_weights = weights.joint_Nm[:, j], weights.by_weights[:, j]
+        columns = np.column_stack([one, states.arrival[:, j], states.load_N, *of_weights])
+        x, _, rank, _ = np.linalg.lstsq(columns, residual_Nm[:, j], rcond=_LEAST_SINGULAR)
+        dof = len(states) - int(rank)
+        if dof >= torques_a_weight * int(rank):
+            scatter_Nm[j] = np.sqrt(np.sum((residual_Nm[:, j] - columns @ x) ** 2) / dof)
+    return scatter_Nm
 
 
 class RobustFit(NamedTuple):

@@ -23,7 +23,12 @@ from pa10cal.calibration.health import RIGID, health
 from pa10cal.calibration.load_case import LoadCase, base_parameters, case_keys, fit_keys
 from pa10cal.calibration.rules import GRADES, GROUPS, RECORDS
 from pa10cal.errors import CalibrationError
-from pa10cal.fit.discrepancy import by_uncertain_joints_mm, discrepancy_of, lacking_mm
+from pa10cal.fit.discrepancy import (
+    by_torque_noise_mm,
+    by_uncertain_joints_mm,
+    discrepancy_of,
+    lacking_mm,
+)
 from pa10cal.fit.fitted import FittedTo
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import with_loads_read_by, with_torques
@@ -204,6 +209,13 @@ class _FittedCase:
         stated = self.full.problem.stated_covariance
         return accuracy.position_noise_mm(self.used.measured, stated)
 
+    @property
+    def torques_mm(self) -> float:
+        """Return the rms error by the noise of logged torques; 0 where none were logged."""
+        if self.full.torques_from != "logged":
+            return 0.0
+        return by_torque_noise_mm(self.model, self.grid.take(self.rows), self.case.payload)
+
     @cached_property
     def outliers(self) -> tuple[records.SuspectedOutlier, ...]:
         """Return the suspected outliers among the poses fitted."""
@@ -248,11 +260,13 @@ class _FittedCase:
             return accuracy.summarise(found.take(trusted)).rms_mm
 
         without_springs = None if self.geometry is full else self.of_geometry
+        repeats = uncertainty.scatter_of_repeats(self.readings, model)
         return GradeEvidence(
             ended=fit_summary(full),
             train_rms_mm=trusted_rms_mm(self.deviations),
             held_out=self.held_out_errors(),
-            noise_mm=self.noise_mm,
+            # Repeats hold the noise of torques already.
+            noise_mm=self.noise_mm if repeats else float(np.hypot(self.noise_mm, self.torques_mm)),
             discrepancy_mm=lacking_mm(model.discrepancy, used.states.q_rad),
             joints_mm=by_uncertain_joints_mm(model.model, model.x, self.grid.take(self.rows)),
             spread_mm=used.measured.spread_mm,
@@ -260,7 +274,7 @@ class _FittedCase:
             rigid_outliers=sum(RIGID in outlier.why for outlier in self.outliers),
             at_one_end=at_one_end(used.states, self.flagged[self.rows]),
             all_rms_mm=self.all_rms_mm,
-            repeats=uncertainty.scatter_of_repeats(self.readings, model),
+            repeats=repeats,
             from_touches=self.readings.measured.from_touches,
             findings=findings,
             without_springs_mm=None if without_springs is None else trusted_rms_mm(without_springs),
