@@ -10,6 +10,7 @@ from mended import write_simulated
 from pa10cal.calibration.campaign import calibrated_record
 from pa10cal.calibration.load_case import LoadCase
 from pa10cal.calibration.options import CalibrationOptions, EffectOfPlace
+from pa10cal.commands.models import open_target
 from pa10cal.discovery.given import record_with_effects
 from pa10cal.errors import CalibrationError
 from pa10cal.options import DiscoveryOptions
@@ -159,6 +160,46 @@ def test_a_right_effect_converges_and_places_of_targets_are_told(eccentric, robo
     told = {name for name in record.parameters if name.startswith("target_")}
     assert len(told | {name for name in omitted if name.startswith("target_")}) == 9
     assert all(0.0 < record.parameters[name].std < 1e-4 for name in told)
+
+
+@pytest.fixture(scope="module")
+def unstated(tmp_path_factory):
+    """Return a campaign of a SCARA whose second joint tilts; nobody states where targets are."""
+    hidden = HiddenEffectOptions(
+        id="lateral_compliance", of="joint 2", parameters={"C_x": 1e-4, "C_y": 1e-4}
+    )
+    options = SimulateOptions(
+        robot="gx4_351s",
+        random_seed=6,
+        hidden_effects=(hidden,),
+        without_touches=TrackerOptions(instrument="points", poses=140, loads_N=(0.0, 20.0, 50.0)),
+    )
+    folder = tmp_path_factory.mktemp("unstated") / "raw"
+    campaign = pa10cal.read_campaign(write_simulated(folder, options))
+    stated_m = campaign.observations.measured.p_ee_stated_m
+    observations = campaign.observations.with_measured(p_ee_stated_m=None)
+    return replace(campaign, observations=observations), stated_m
+
+
+def test_a_height_that_no_geometry_shows_is_found_by_what_tilts_under_loads(unstated):
+    campaign, stated_m = unstated
+    without = pa10cal.calibrate(campaign)
+    assert without.fitted_to.open_targets == ("target_T3_z",)
+    assert abs(without.targets_m[-1] - stated_m[2, 2]) > 0.05
+    assert np.diag(without.covariance)[-1] == 0.0
+    assert list(open_target(without, "flange")) == []
+    (line,) = open_target(without, "target_T1")
+    assert "is held where the search started" in line
+    tilted = CalibrationOptions(effects=(EffectOfPlace(id="lateral_compliance", of="joint 2"),))
+    model = pa10cal.calibrate(campaign, tilted)
+    height_u_m = np.sqrt(np.diag(model.covariance)[-1])
+    assert 1e-4 < height_u_m < 0.03
+    assert abs(model.targets_m[-1] - stated_m[2, 2]) < 3.0 * height_u_m
+    # The base is as uncertain as the height is; in its own frame the instrument sees neither.
+    (line,) = open_target(model, "target_T1")
+    assert f"is known to {1e3 * height_u_m:.2g} mm" in line
+    q_rad = campaign.observations.states.q_rad
+    assert np.median(model.predict(q_rad, frame="target_T3").u_mm) < 0.1 * 1e3 * height_u_m
 
 
 def test_an_effect_that_is_not_there_explains_no_more_than_the_stated_noise(eccentric):

@@ -199,6 +199,8 @@ class Unknowns:
     reach_scales: float = 30.0
     # a target on the flange is about so far from where it is stated to be [m] (size)
     stated_target_m: float = 2e-3
+    # and about so far from the flange where that is not stated [m] (size)
+    unstated_target_m: float = 0.2
     # degrees of freedom from which on residuals say that the stated noise is too large (statistics)
     least_dof: int = 10
     # a parameter is determined by a campaign that knows it to this part of what it may well

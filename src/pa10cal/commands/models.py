@@ -97,6 +97,31 @@ def conditions_of(
     )
 
 
+def open_target(model: FittedModel, frame: str) -> Iterator[str]:
+    """Yield how well places of targets are known that no geometry shows, of a frame on the tool."""
+    import numpy as np
+
+    from pa10cal.fit.fitted import FLANGE, predicting_model
+    from pa10cal.observe.instrument import target_coordinates
+
+    used = predicting_model(model)
+    fit = used.fitted_to
+    if frame == FLANGE or fit is None or not fit.open_targets:
+        return
+    names = target_coordinates(used.target_names)
+    for name in sorted({*fit.open_targets} & {*names}):
+        at, u_mm = names.index(name), 0.0
+        if used.covariance is not None:
+            of_targets = np.diag(used.covariance)[-len(names) :]
+            u_mm = 1e3 * float(np.sqrt(of_targets[at]))
+        known = f"is known to {u_mm:.2g} mm" if u_mm else "is held where the search started"
+        yield (
+            f"{name}, {1e3 * used.targets_m[at]:.1f} mm, {known}, which u_mm does not hold: the "
+            "geometry of the arm shows targets in the frame of the instrument alone; state "
+            "tool.balls_mm"
+        )
+
+
 def assumptions(model: FittedModel, conditions: PoseConditions) -> Iterator[str]:
     """Yield what is assumed where rows do not state a condition, or no effect depends on it."""
     import numpy as np
@@ -238,7 +263,7 @@ def predict(
         f"{outside_count} of them away from the poses of the fit"
         f"{notes_on(fitted)}{unused_columns(joints, listed)}"
     )
-    for line in assumptions(fitted, conditions):
+    for line in (*open_target(fitted, frame), *assumptions(fitted, conditions)):
         print(line)
 
 
@@ -336,7 +361,7 @@ def compensate(
         outcome += f"; {other_branch} on another branch, far from the row before or the seed"
     outcome += notes_on(fitted) + unused_columns(targets, listed)
     print(f"{out}: {len(found)} targets of the {frame} of {arm.name}: {outcome}")
-    for line in assumptions(fitted, conditions):
+    for line in (*open_target(fitted, frame), *assumptions(fitted, conditions)):
         print(line)
     if write == "cartesian":
         tcp_text = _tcp_text(found.T_flange_tcp, convention)

@@ -421,7 +421,9 @@ def _summary(fit: _Fit) -> FitSummary:
 
 def _with_last_fit(record: R, found: EffectCalibration, campaign: CampaignIdentity) -> R:
     """Return the record of a calibration, with its last fit replaced by that with effects."""
-    about = FittedTo.of(found.poses, record.load, found.health, campaign)
+    before = found.model.fitted_to
+    open_targets = () if before is None else before.open_targets
+    about = FittedTo.of(found.poses, record.load, found.health, campaign, open_targets=open_targets)
     model, fit, poses = replace(found.model, fitted_to=about), found.fit, found.poses
     of_first_fit = (record.health.line, f"not converged: {record.reason}")
     kept = (warning for warning in record.warnings if warning not in of_first_fit)

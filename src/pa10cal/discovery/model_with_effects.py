@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,7 +11,10 @@ from scipy.stats import chi2
 from pa10cal.arm.chain import BASE
 from pa10cal.arrays import Array, Index, Mask, homogeneous, nearest_rotation
 from pa10cal.calibration.general.unknowns import ChosenUnknowns, choose_unknowns
+from pa10cal.calibration.rules import UNKNOWNS
+from pa10cal.discovery.rules import BLOCKS
 from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.problem import possible_sizes
 from pa10cal.numerics.least_squares import Bounds
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
@@ -102,19 +106,61 @@ def identified_geometry(baseline: FittedModel, measured: Instrument) -> ChosenUn
 def bounds_of_unknowns(baseline: FittedModel, model: Model, measured: Instrument) -> Bounds:
     """Return the ranges of a model's parameters and of the targets' coordinates, (k + t,).
 
-    Coordinates that the geometry does not identify are held at their calibrated values: with all
-    axes parallel, the height of a target and that of the base are one. Effects that tilt the axes
-    would separate them, but the effects are no better known than the heights.
+    Coordinates that the geometry does not identify are held where they are stated: with all axes
+    parallel, the height of a target and that of the base are one. Where nobody states them they are
+    unknowns of a wide prior (`sizes_of_unknowns`): what tilts under a load carries the targets by
+    their height, which its loads then show.
     """
     count = len(baseline.targets_m)
     bounds = Bounds.of((*model.parameters, *measured.target_parameters[:count]))
-    if not count:
+    if not count or not measured.places_stated:
         return bounds
-    held = np.ones(count, dtype=bool)
-    held[identified_geometry(baseline, measured).targets_kept] = False
+    held = _not_by_geometry(baseline, measured)
     at = len(model.parameters) + np.flatnonzero(held)
     bounds.lower[at] = bounds.upper[at] = baseline.targets_m[held]
     return bounds
+
+
+def _not_by_geometry(baseline: FittedModel, measured: Instrument) -> Mask:
+    """Return which coordinates of targets (t,) the geometry of the arm does not identify."""
+    held = np.ones(len(baseline.targets_m), dtype=bool)
+    held[identified_geometry(baseline, measured).targets_kept] = False
+    return held
+
+
+def sizes_of_unknowns(baseline: FittedModel, model: Model, measured: Instrument) -> Array:
+    """Return the prior standard deviation of all unknowns, (k + t,), about the baseline.
+
+    Of targets it is that of a tool where geometry leaves some open that nobody states: these may
+    be anywhere on the flange, and the others with them.
+    """
+    sizes, count = possible_sizes(model, measured), len(baseline.targets_m)
+    if count and not measured.places_stated and _not_by_geometry(baseline, measured).any():
+        sizes[-count:] = UNKNOWNS.unstated_target_m
+    return sizes
+
+
+def with_open_targets_held(
+    covariance_of: Callable[[Mask], Array], free: Mask, prior_variances: Array
+) -> Array:
+    """Return the covariance (k, k) of free unknowns, targets that nothing determines held.
+
+    They are held one by one, as calibrations hold them where they started.
+
+    Args:
+        covariance_of: of which unknowns are free, zero for the others.
+        free: (k,) those that may be.
+        prior_variances: (t,) of the last unknowns, the coordinates of targets.
+    """
+    first, free = len(free) - len(prior_variances), free.copy()
+    covariance = covariance_of(free)
+    while len(prior_variances):
+        share = np.diag(covariance)[first:] / prior_variances
+        if share.max() < BLOCKS.open_share:
+            break
+        free[first + int(share.argmax())] = False
+        covariance = covariance_of(free)
+    return covariance
 
 
 def held_unknowns(baseline: FittedModel, model: Model, measured: Instrument) -> Mask:

@@ -64,6 +64,8 @@ class FittedTo(Part):
     suspicions: tuple[InputFinding, ...] = Field((), exclude_if=lambda found: not found)
     # why its suspected outliers show that the model lacks something
     outliers_show: str = Field("", exclude_if=lambda text: not text)
+    # coordinates of targets that neither the geometry of the arm shows nor anybody states
+    open_targets: tuple[str, ...] = Field((), exclude_if=lambda names: not names)
     # checksums of its readings, one for each load, of a group of each campaign; empty where not
     # known
     readings: tuple[str, ...] = Field((), exclude_if=lambda sums: not sums)
@@ -79,11 +81,13 @@ class FittedTo(Part):
         health: Health,
         campaign: CampaignIdentity,
         prior: FittedTo | None = None,
+        open_targets: tuple[str, ...] = (),
     ) -> FittedTo:
         """Return the description of a fit by its poses, its load case and its health.
 
         Args:
             prior: the description of the model that was its prior; None without one.
+            open_targets: coordinates of targets, see the attribute.
         """
         states = poses.states
         logged_C = states.temperature_C[np.isfinite(states.temperature_C)]
@@ -104,6 +108,7 @@ class FittedTo(Part):
             health=health.line,
             suspicions=health.findings,
             outliers_show=health.outliers_show,
+            open_targets=open_targets,
             loads_N=tuple(map(float, np.unique(states.load_N))),
             readings=reading_checksums(poses),
             readings_of_prior=() if prior is None else prior.all_readings,

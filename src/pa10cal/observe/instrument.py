@@ -211,6 +211,11 @@ class Instrument(ABC):
         return ()
 
     @property
+    def places_stated(self) -> bool:
+        """Return whether the campaign states where the targets are, or none is estimated."""
+        return True
+
+    @property
     def target_parameters(self) -> tuple[TermParameter, ...]:
         """Return the t coordinates of targets in the end-effector frame that a fit may estimate.
 

@@ -213,6 +213,10 @@ class Joined(Instrument):
         )
 
     @property
+    def places_stated(self) -> bool:
+        return all(part.places_stated for part in self.parts)
+
+    @property
     def target_parameters(self) -> tuple[TermParameter, ...]:
         return tuple(
             replace(parameter, name=of_campaign(parameter.name, name))

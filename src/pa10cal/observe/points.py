@@ -157,6 +157,10 @@ class Points(Instrument):
     def target_names(self) -> tuple[str, ...]:
         return self.names
 
+    @property
+    def places_stated(self) -> bool:
+        return self.p_ee_stated_m is not None
+
     def compare(self, T_instr_ee: Array, targets_m: Array) -> Comparison:
         p_instr_m, levers_m = carried_targets(T_instr_ee, targets_m)
         residual = p_instr_m - self.p_instr_m
@@ -383,6 +387,10 @@ class Distance(Instrument):
     @property
     def target_parameters(self) -> tuple[TermParameter, ...]:
         return tuple(TermParameter(f"target_{axis}", "m", 1e-3) for axis in "xyz")
+
+    @property
+    def places_stated(self) -> bool:
+        return self.p_ee_stated_m is not None
 
     def compare(self, T_instr_ee: Array, targets_m: Array) -> Comparison:
         p_instr_m, levers_m = carried_targets(T_instr_ee, targets_m)

@@ -95,7 +95,8 @@ def general_case(
     evidence = found.evidence()
     judged = health(evidence)
     prior = None if case.prior is None else case.prior.fitted_to
-    about = FittedTo.of(full.problem.observations, case.load, judged, case.campaign, prior)
+    fitted_poses, open_targets = full.problem.observations, _open_targets(full)
+    about = FittedTo.of(fitted_poses, case.load, judged, case.campaign, prior, open_targets)
     of_geometry, of_nominal = found.of_geometry, found.of_nominal
     before = accuracy.summarise_by_load(of_nominal, load_N)
     by_geometry = accuracy.summarise_by_load(of_geometry, load_N)
@@ -322,12 +323,31 @@ def _warnings(
             f"no spring in {_joints_text(full.held_rigid)}: there are too few poses for springs; "
             "what the joints deflect is taken as an error of geometry"
         )
+    if names := _open_targets(full):
+        warnings.append(
+            f"{', '.join(names)}: neither the geometry of the arm shows it nor tool.balls_mm "
+            "states it, so it stays where the search started, unless an effect that tilts the "
+            "flange shows it; along it all targets may be off by the length of the tool in the "
+            "frames of base and flange (not in the instrument's)"
+        )
     if full.unproven:
         warnings.append(
             f"no spring in {_joints_text(full.unproven)}: the poses fitted show one, but it does "
             "not help to predict clusters and stretches of poses that are held out"
         )
     return tuple(warnings)
+
+
+def _open_targets(full: GeneralCalibration) -> tuple[str, ...]:
+    """Return the coordinates of targets that neither the arm's geometry shows nor anybody states.
+
+    With all axes parallel these are the height of one target, which is that of the base.
+    """
+    measured = full.problem.observations.measured
+    if measured.places_stated:
+        return ()
+    of_targets = {parameter.name for parameter in measured.target_parameters}
+    return tuple(each.name for each in full.redundant if each.name in of_targets)
 
 
 def _joints_text(joints: tuple[int, ...]) -> str:

@@ -29,15 +29,15 @@ from pa10cal.discovery.model_with_effects import (
     ModelWithEffects,
     bounds_of_unknowns,
     identifiable_base_motions,
+    sizes_of_unknowns,
     with_base_motion,
+    with_open_targets_held,
     with_unknowns,
 )
 from pa10cal.discovery.pose_scatter import AS_FOUND, PoseWeights, Widening, pose_weights
-from pa10cal.discovery.rules import BLOCKS
 from pa10cal.discovery.tuning import COMPUTING
 from pa10cal.fit.fitted import departures_hardly_known
 from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.fit.problem import possible_sizes
 from pa10cal.numerics.least_squares import Bounds, Equations, Step, minimise
 from pa10cal.numerics.periodic_spline import b_splines_by_knots
 from pa10cal.terms.effects.effect import Effect
@@ -136,7 +136,7 @@ class _Problem:
 
     The prior is normal. The size expected of an effect is its plausible size, or how large it is at
     the unknowns from which the fit sets out if that is more (`expecting`); that of any other
-    unknown is what physics allows (`possible_sizes`). Shapes of effects have no prior.
+    unknown is what physics allows (`sizes_of_unknowns`). Shapes of effects have no prior.
     """
 
     def __init__(self, survey: Survey, effects: tuple[Effect, ...]) -> None:
@@ -163,8 +163,8 @@ class _Problem:
 
     def _precision(self) -> Array:
         """Return the precision of the prior, (k, k), of effects of plausible sizes."""
-        sizes = possible_sizes(self._model, self.measured)
         baseline = self._survey.baseline
+        sizes = sizes_of_unknowns(baseline, self._model, self.measured)
         departures = departures_hardly_known(baseline)
         parts = [np.diag(sizes[: len(baseline.x)] ** -2.0) + departures.T @ departures]
         for effect in self._effects:
@@ -247,20 +247,15 @@ class _Problem:
         """Return the covariance (k, k) by the equations at unknowns (k,), zero of those held.
 
         Held are unknowns at a bound, and the base where readings do not show it. Coordinates of
-        targets that the poses do not determine are held one by one, as calibrations hold them as
-        stated.
+        targets that the poses do not determine are held one by one.
         """
         free = ~self.bounds.held(x, equations.gradient)
         free[self._base] &= identifiable_base_motions(self.measured)
-        covariance = inverse_of_free(equations.normal, self.prior, free)
         prior_variances = 1.0 / np.diag(self.prior)[self._targets]
-        while len(prior_variances):
-            share = np.diag(covariance)[self._targets] / prior_variances
-            if share.max() < BLOCKS.open_share:
-                break
-            free[self._targets.start + int(share.argmax())] = False
-            covariance = inverse_of_free(equations.normal, self.prior, free)
-        return covariance
+        normal, prior = equations.normal, self.prior
+        return with_open_targets_held(
+            lambda free: inverse_of_free(normal, prior, free), free, prior_variances
+        )
 
 
 class _Weighting:

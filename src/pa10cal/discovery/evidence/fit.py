@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, Mask
 from pa10cal.discovery import jacobians
 from pa10cal.discovery.evidence.noise_model import SharedVariances
 from pa10cal.discovery.evidence.problem import EvidenceProblem
@@ -15,14 +15,15 @@ from pa10cal.discovery.model_with_effects import (
     all_unknowns,
     bounds_of_unknowns,
     held_unknowns,
+    sizes_of_unknowns,
     with_base_motion,
+    with_open_targets_held,
     with_unknowns,
 )
 from pa10cal.discovery.rules import EVIDENCE
 from pa10cal.discovery.tuning import COMPUTING
 from pa10cal.fit.fitted import departures_hardly_known
 from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.fit.problem import possible_sizes
 from pa10cal.numerics.least_squares import Equations, minimise
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.term import shows_torque
@@ -117,12 +118,18 @@ def covariance_of(problem: EvidenceProblem, found: EvidenceFit) -> Array:
     rows = _FitRows(problem, found.effects, found.sizes, found.variances, found.at)
     measured = problem.cells.measured
     free = ~held_unknowns(problem.baseline, found.at.model, measured)
-    of_free = np.ix_(free, free)
-    information = rows.equations(found.x).normal[of_free]
+    information = rows.equations(found.x).normal
     size = 1.0 / np.sqrt(np.diag(information))
-    covariance = np.zeros((len(free), len(free)))
-    covariance[of_free] = np.linalg.inv(information * np.outer(size, size)) * np.outer(size, size)
-    return covariance
+    scales = np.outer(size, size)
+
+    def covariance_by(free: Mask) -> Array:
+        of_free = np.ix_(free, free)
+        covariance = np.zeros((len(free), len(free)))
+        covariance[of_free] = np.linalg.inv((information * scales)[of_free]) * scales[of_free]
+        return covariance
+
+    sizes = sizes_of_unknowns(problem.baseline, found.at.model, measured)
+    return with_open_targets_held(covariance_by, free, sizes[len(found.at.x) :] ** 2)
 
 
 def targets_off_m(problem: EvidenceProblem, found: EvidenceFit) -> Array:
@@ -150,7 +157,7 @@ class _FitRows:
     ) -> None:
         self._problem, self._at, self._variances = problem, at, variances
         self._torque = problem.torque if any(map(shows_torque, effects)) else None
-        possible = possible_sizes(at.model, problem.cells.measured)
+        possible = sizes_of_unknowns(problem.baseline, at.model, problem.cells.measured)
         prior_rows = np.diag(1.0 / possible)
         # The prior mean is that of tool and targets as calibrated, of the shape of an effect where
         # it starts (with an amount of zero the data do not determine it, and its first step would
