@@ -11,7 +11,12 @@ from pa10cal.stages.discover import gap_lines
     ("kind", "after_mm", "low_mm", "said"),
     [
         ("train", 0.02, 0.02, "less by 0.0200 to 0.0366 mm (95 %); noise"),
-        ("train", 0.001, 0.02, "as a fit does that passes through its poses, which shows nothing;"),
+        (
+            "train",
+            0.001,
+            0.02,
+            "below the noise: the fit passes through its poses, or the noise is smaller;",
+        ),
         ("holdout", 0.001, 0.02, "less by 0.0200 to 0.0366 mm (95 %); noise"),
         ("holdout", 0.032, -0.01, "less by -0.0100 to 0.0366 mm (95 %), within chance; noise"),
     ],

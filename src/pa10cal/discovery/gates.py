@@ -465,6 +465,11 @@ def _whose_error(effect: Effect) -> str:
     return "robot" if moves_robot(effect) else effect.error_of
 
 
+def _origin(found: Verdict) -> str:
+    """Return where the noise of a verdict comes from, in words without a reason."""
+    return (found.noise_floor_from or "").partition(":")[0]
+
+
 def _disagreements(found: Verdict) -> Iterator[str]:
     """Yield disagreements between errors, repeatability and stated uncertainty, in words."""
     train, holdout = found.train, found.trusted_holdout
@@ -482,18 +487,18 @@ def _disagreements(found: Verdict) -> Iterator[str]:
     # Errors below the repeatability are not those of these readings. Errors below a stated
     # uncertainty cannot be seen, and need not be.
     by_repeats = found.noise_floor_from is None
+    source = "the repeatability" if by_repeats else f"the noise by {_origin(found)}"
     for name, value_mm, expected_mm in compared:
         below = by_repeats and value_mm < expected_mm / NAMES.agree_ratio
         if below or value_mm > NAMES.agree_ratio * expected_mm:
-            yield f"{name} is {value_mm:.3g} mm where the repeatability gives {expected_mm:.3g} mm"
+            yield f"{name} is {value_mm:.3g} mm where {source} gives {expected_mm:.3g} mm"
     stated_mm = mean_noise_error_mm(measured, measured.stated_covariance)
     joints_mm = GRADES.joint_rad * measured.spread_mm
     most = most_stated(NAMES.agree_ratio, from_touches=measured.from_touches)
     too_small = stated_mm > most * floor_mm
     if too_small or floor_mm > NAMES.agree_ratio * np.hypot(stated_mm, joints_mm):
         yield (
-            f"the repeatability is {floor_mm:.3g} mm where the stated uncertainty gives "
-            f"{stated_mm:.3g} mm"
+            f"{source} is {floor_mm:.3g} mm where the stated uncertainty gives {stated_mm:.3g} mm"
         )
 
 

@@ -14,13 +14,13 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.optimize import nnls
+from scipy.optimize import minimize_scalar, nnls
 from scipy.spatial import cKDTree
 
 from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Array, Index, Mask
 from pa10cal.discovery.jacobians import ideal_by_joints
-from pa10cal.discovery.rules import NOISE
+from pa10cal.discovery.rules import NAMES, NOISE
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.logged_torques import torque_scatter_Nm
@@ -51,7 +51,8 @@ class Noise:
     def origin(self) -> str:
         """Return the source of noise that was not found from repeats, in words."""
         if not self.differences:
-            return "the instrument's stated uncertainty: repeats do not show the noise"
+            scatter = " and the scatter of logged torques" * bool(np.any(self.torque_Nm > 0.0))
+            return f"the instrument's stated uncertainty{scatter}: repeats do not show the noise"
         carried_on = "" if self.within == NOISE.same_pose else ", carried on to the same pose"
         return (
             f"{self.differences} pairs of poses closer than {1e3 * self.within:g} mrad in every "
@@ -390,13 +391,20 @@ def likelier_variances(
 
 
 def with_torque_noise(
-    noise: Noise, at: FittedModel, poses: Observations, payload: Payload | None
+    noise: Noise, residual: Array, at: FittedModel, poses: Observations, payload: Payload | None
 ) -> Noise:
     """Return stated noise plus what the noise of logged torques adds to it through the springs.
 
     Noise found from pairs of readings includes it already. The noise of torques is their scatter
-    about a fit by the torques of the weights; zero for a joint with too few poses. The poses are
-    complete; the payload is None where the masses are not known.
+    about a fit by the torques of the weights; zero for a joint with too few poses. Where forces act
+    that nobody stated, the log scatters by these, and the arm moves by them: residuals far below
+    such noise show how much of it is any.
+
+    Args:
+        residual: (P, b) predicted less measured components, the springs carrying the logged
+            torques.
+        poses: P complete poses.
+        payload: None where the masses are not known.
     """
     springs = [term for term in at.model.terms if yields(term)]
     if noise.differences or payload is None or not springs:
@@ -408,4 +416,31 @@ def with_torque_noise(
         turned_rad[:, spring.joint - 1] += spring.by_torque(states, at.values_of(spring))
     by_drives = at.arm.coupling.moved_by_drives(ideal_by_joints(at, poses))
     moved = by_drives * (turned_rad * torque_Nm)[:, None, :]
-    return replace(noise, cov=noise.cov + moved @ np.swapaxes(moved, 1, 2), torque_Nm=torque_Nm)
+    by_torques = moved @ np.swapaxes(moved, 1, 2)
+    share = _share_that_is_noise(residual, poses.measured, noise.cov, by_torques)
+    torque_Nm = np.sqrt(share) * torque_Nm
+    return replace(noise, cov=noise.cov + share * by_torques, torque_Nm=torque_Nm)
+
+
+def _share_that_is_noise(
+    residual: Array, measured: Instrument, cov: Array, by_torques: Array
+) -> float:
+    """Return which share of a covariance (P, b, b) residuals bear out beside another, 0 to 1.
+
+    It is 1 unless position errors are far smaller than both together make them.
+    """
+    columns, seen = measured.position_columns, measured.components_seen
+    of_both = np.diagonal(cov + by_torques, axis1=1, axis2=2)
+    square, expected = (
+        np.sum(each[:, columns], where=seen[:, columns]) for each in (residual**2, of_both)
+    )
+    if square > NAMES.agree_ratio**-2.0 * expected:
+        return 1.0
+
+    def misfit(root: float) -> float:
+        whiten = whitener_of(cov + root**2 * by_torques)
+        white = np.einsum("pij,pj->pi", whiten, np.where(seen, residual, 0.0))
+        log_det = -2.0 * np.log(np.diagonal(whiten, axis1=1, axis2=2)).sum()
+        return float(np.sum(white**2) + log_det)
+
+    return float(minimize_scalar(misfit, bounds=(0.0, 1.0), method="bounded").x) ** 2

@@ -13,7 +13,7 @@ from pa10cal.options import DiscoveryOptions
 if TYPE_CHECKING:
     from pa10cal.results.discovery import FoundEffect, SetGap, VerdictKeys
 
-#: Mean error in the poses fitted, in the noise floor, below which the fit passes through them.
+#: Mean error in the poses fitted, in the noise floor, below which it says nothing of the model.
 _THROUGH_POSES = 0.5
 
 
@@ -139,7 +139,7 @@ def gap_lines(kind: str, gap: SetGap) -> Iterator[str]:
     low_mm, high_mm = gap.reduction.interval95_mm
     less = f"less by {low_mm:.4f} to {high_mm:.4f} mm (95 %)"
     if kind == "train" and gap.after.mean_mm < _THROUGH_POSES * gap.noise_floor_mm:
-        less = "as a fit does that passes through its poses, which shows nothing"
+        less = "below the noise: the fit passes through its poses, or the noise is smaller"
     elif low_mm <= 0.0 <= high_mm:
         less += ", within chance"
     yield (

@@ -154,10 +154,11 @@ class Survey:
 
     def noise_about(self, at: FittedModel) -> Noise:
         """Return the noise of single readings: from nearly equal poses, else as stated."""
-        noise = noise_of_near_poses(self.poses, self.net_residual(at))
+        residual = self.net_residual(at)
+        noise = noise_of_near_poses(self.poses, residual)
         if not self.torques_logged:
             return noise
-        return with_torque_noise(noise, at, self.poses, self.setup.payload)
+        return with_torque_noise(noise, residual, at, self.poses, self.setup.payload)
 
     @property
     def nuisances(self) -> tuple[Nuisance, ...]:
