@@ -418,10 +418,12 @@ def test_places_stated_for_other_targets_are_noted(tmp_path):
 
 def test_unknown_columns_are_noted(tmp_path):
     raw = sighted(tmp_path, "points", targets=1)
-    with_columns(raw.poses, {"operator": "ab", "u_x_mm": 0.1})
+    with_columns(raw.poses, {"operator": "ab", "u_x_mm": 0.1, "load_kg": 2.0})
     notes = ingest(raw).notes
     assert "column operator of poses.csv is not used" in notes
     assert "column u_x_mm of poses.csv is not used" in notes
+    hint = "(a load is read as load_N, in newtons)"
+    assert f"column load_kg of poses.csv is not used {hint}" in notes
 
 
 @pytest.mark.parametrize("kind", ["points", "distance"])

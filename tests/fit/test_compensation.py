@@ -245,7 +245,7 @@ TRANSPOSED[1, 3, 0] = 0.5
         (np.eye(4), {"seed": [0.0, np.nan, 0.0, 0.0, 0.0, 0.0]}, "a seed of some joints"),
         (np.eye(4), {"seed": np.full(6, np.inf)}, "a seed of some joints"),
         (np.eye(4), {"frame": "tol"}, "unknown frame.*flange, tool"),
-        (np.eye(4), {"load_N": -1.0}, "does not know this load"),
+        (np.eye(4), {"load_N": -1.0}, "does not know this load.*give the weight of what hangs"),
         (np.eye(4), {"load_N": [0.0, 1.0]}, r"load_N: not one number.*shape \(1,\)"),
         (np.eye(4), {"temperature_C": "warm"}, "temperature_C: not one number"),
         (np.eye(4), {"arrival": [1.0, 1.0]}, r"arrival: not one number.*\(1, 6\)"),

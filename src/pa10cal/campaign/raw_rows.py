@@ -128,7 +128,9 @@ class RawRows:
         if late.any():
             rows = self.at(np.argsort(time_s, kind="stable"))
             notes.append(f"rows of {self.file} out of order: {late.sum()}")
-        notes += [f"column {name} of {self.file} is not used" for name in self.unused]
+        notes += [
+            f"column {name} of {self.file} is not used{load_hint([name])}" for name in self.unused
+        ]
         return replace(rows, notes=tuple(notes))
 
     @property
@@ -140,6 +142,12 @@ class RawRows:
         keys = {name: self.columns[name] for name in ("kind", "pose", "load_N", "repeat")}
         groups = pd.DataFrame(keys).groupby(list(keys), sort=False)
         return np.asarray(groups.ngroup(), dtype=np.intp)
+
+
+def load_hint(unused: Iterable[str]) -> str:
+    """Return how a load is read, for a line about columns that are not; empty if none names one."""
+    is_load = any("load" in name.lower() for name in unused)
+    return " (a load is read as load_N, in newtons)" if is_load else ""
 
 
 @dataclass(frozen=True, order=True)

@@ -192,7 +192,11 @@ def notes_on(model: FittedModel) -> str:
 
 def unused_columns(path: Path, rows: JointList | TargetList) -> str:
     """Return, for the end of a line, the columns of a list that are not read; empty for none."""
-    return f"; not read of {path}: {', '.join(rows.unused)}" if rows.unused else ""
+    if not rows.unused:
+        return ""
+    from pa10cal.campaign.raw_rows import load_hint
+
+    return f"; not read of {path}: {', '.join(rows.unused)}{load_hint(rows.unused)}"
 
 
 def predict(

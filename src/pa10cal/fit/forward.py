@@ -86,13 +86,18 @@ def states_at(
     if wrong_load.any():
         row = int(np.argmax(wrong_load))
         allowed = f"0 to {max(seen_N):g} N, the heaviest load of its fit" if seen_N else "0 N on"
+        remedy = (
+            "calibrate with this load too; or extrapolate (on the command line --force), which the "
+            "uncertainty does not cover"
+        )
+        if not 0.0 <= loads_N[row] < np.inf:
+            remedy = "give the weight of what hangs at the load point; no other force is computed"
         raise ModelError(
             "the model does not know this load",
             where=f"load_N of pose {row + 1}",
             value=float(loads_N[row]),
             allowed=allowed,
-            remedy="calibrate with this load too; or extrapolate (on the command line --force), "
-            "which the uncertainty does not cover",
+            remedy=remedy,
         )
     of_joints = model.arm.coupling.arrivals(of_axes)
     return PoseStates(q, np.full_like(q, np.nan), of_joints, loads_N, temperatures_C, times_s)
