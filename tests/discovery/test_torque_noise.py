@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 
 import pa10cal
+from pa10cal.calibration.campaign import calibrated_record
+from pa10cal.calibration.load_case import LoadCase
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.discovery.noise import (
     Noise,
-    _share_that_is_noise,
     noise_of_near_poses,
+    share_that_is_noise,
     with_torque_noise,
 )
 from pa10cal.discovery.preparation import complete, prepared, setup_of
@@ -53,6 +55,28 @@ def test_it_is_what_scatters_about_the_weights_and_moves_through_springs():
     assert with_torque_noise(stated, residual, ready.baseline, poses, None) is stated
 
 
+def test_loads_that_only_the_log_shows_are_no_noise_of_a_grade():
+    plan = TrackerOptions(
+        instrument="points",
+        poses=90,
+        loads_N=(0.0, 80.0),
+        flexible_joints=(2, 3, 4),
+        hardening=False,
+        logs_torques=True,
+        torque_fraction=1e-4,
+    )
+    settings = SimulateOptions(random_seed=2, robot="ur10", without_touches=plan)
+    read = as_read(
+        measure_campaign("loaded", settings, robot_of(pa10cal.load_arm("ur10"), settings))
+    )
+    states = read.observations.states
+    unstated = replace(states, load_N=np.zeros(len(states)))
+    case = LoadCase(read.description, read.arm, read.observations.with_states(unstated))
+    health = calibrated_record(case).health
+    assert health.train_rms_mm < 0.2
+    assert health.noise_mm < 1.5 * health.train_rms_mm  # 0.9 mm, were the loads noise
+
+
 @pytest.mark.parametrize("share", [1.0, 1e-4, 0.0])
 def test_what_residuals_do_not_show_of_the_scatter_is_no_noise(share):
     """Forces that only the log shows: it scatters by them, and the arm moves by them."""
@@ -65,7 +89,7 @@ def test_what_residuals_do_not_show_of_the_scatter_is_no_noise(share):
     measured = SimpleNamespace(
         position_columns=np.arange(3), components_seen=rng.random((300, 3)) < 0.9
     )
-    found = _share_that_is_noise(residual, measured, cov, by_torques)
+    found = share_that_is_noise(residual, measured, cov, by_torques)
     assert found == pytest.approx(share, rel=0.3, abs=1e-5)
 
 

@@ -417,17 +417,23 @@ def with_torque_noise(
     by_drives = at.arm.coupling.moved_by_drives(ideal_by_joints(at, poses))
     moved = by_drives * (turned_rad * torque_Nm)[:, None, :]
     by_torques = moved @ np.swapaxes(moved, 1, 2)
-    share = _share_that_is_noise(residual, poses.measured, noise.cov, by_torques)
+    share = share_that_is_noise(residual, poses.measured, noise.cov, by_torques)
     torque_Nm = np.sqrt(share) * torque_Nm
     return replace(noise, cov=noise.cov + share * by_torques, torque_Nm=torque_Nm)
 
 
-def _share_that_is_noise(
+def share_that_is_noise(
     residual: Array, measured: Instrument, cov: Array, by_torques: Array
 ) -> float:
     """Return which share of a covariance (P, b, b) residuals bear out beside another, 0 to 1.
 
     It is 1 unless position errors are far smaller than both together make them.
+
+    Args:
+        residual: (P, b) predicted less measured components.
+        measured: what was measured of these poses.
+        cov: (P, b, b) of the noise that is certain.
+        by_torques: (P, b, b) of what may be noise.
     """
     columns, seen = measured.position_columns, measured.components_seen
     of_both = np.diagonal(cov + by_torques, axis1=1, axis2=2)

@@ -212,10 +212,15 @@ class _FittedCase:
 
     @property
     def torques_mm(self) -> float:
-        """Return the rms error by the noise of logged torques; 0 where none were logged."""
+        """Return the rms error by the noise of logged torques; 0 where none were logged.
+
+        Torques that scatter about those of the weights by far more than the poses show are no
+        noise: forces act that nobody stated, and the arm moves by them.
+        """
         if self.full.torques_from != "logged":
             return 0.0
-        return by_torque_noise_mm(self.model, self.grid.take(self.rows), self.case.payload)
+        by_scatter_mm = by_torque_noise_mm(self.model, self.grid.take(self.rows), self.case.payload)
+        return by_scatter_mm if by_scatter_mm < GRADES.stated_ratio * self.all_rms_mm else 0.0
 
     @cached_property
     def outliers(self) -> tuple[records.SuspectedOutlier, ...]:
