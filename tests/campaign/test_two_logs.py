@@ -12,9 +12,9 @@ from scipy.spatial.transform import Rotation
 
 from made_up_sightings import described
 from made_up_two_logs import JOINTS, PLACE, two_logs
+from pa10cal.campaign.log_labels import by_label, shared_labels
 from pa10cal.campaign.read import read_campaign
 from pa10cal.campaign.table import read_observations, write_pose_table
-from pa10cal.campaign.two_logs import by_label, shared_labels
 from pa10cal.errors import Pa10calError
 
 #: Runs joined by time, and runs shifted by a row; a few of each in the quick suite.
@@ -379,6 +379,59 @@ def test_several_readings_a_row_of_joints_are_told_what_to_write(tmp_path, writt
     assert "each pose has 3 rows of readings, write its joints 3 times" in text
 
 
+AT_MM = {"SMR1": [0.0, 0.0, 0.0], "SMR2": [90.0, 0.0, 30.0], "SMR3": [0.0, 80.0, 30.0]}
+
+
+def one_target_a_row(logs):
+    """Return the readings of three targets, three rows a pose, and each pose's index."""
+    angles_deg = logs.readings[["Rx [deg]", "Ry [deg]", "Rz [deg]"]]
+    R = Rotation.from_euler("xyz", angles_deg, degrees=True).as_matrix()
+    tables = [
+        (logs.readings[PLACE] + R @ at).assign(Target=name).astype(object)
+        for name, at in AT_MM.items()
+    ]
+    return pd.concat(tables).sort_index(kind="stable")
+
+
+def read_targets(tmp_path, logs, **of_readings):
+    folder, content = tmp_path / "mine", mapped()
+    logs.write(folder)
+    words = {"names": "Target", "words": {name: name for name in AT_MM}}
+    content["columns"]["readings"] = {"position": {"names": PLACE}, "target": words, **of_readings}
+    content["instrument"] = {"kind": "points", "uncertainty_mm": 0.05}
+    content["tool"]["balls_mm"] = AT_MM
+    (folder / "campaign.yaml").write_text(yaml.safe_dump(content))
+    return read_campaign(folder)
+
+
+def test_a_pose_of_which_no_target_can_be_read_moves_no_other_pose(tmp_path):
+    """Three rows of readings, one row of joints a pose: poses count, whether or not one is lost."""
+    logs = two_logs(tmp_path, 12, poses=30, dense=False)
+    logs.joints = logs.joints.drop(columns="Zeit [s]")
+    logs.readings = one_target_a_row(logs).assign(Pose=lambda rows: [f"M{k}" for k in rows.index])
+    logs.readings.loc[20, PLACE] = "lost"
+    found = read_targets(tmp_path, logs, pose="Pose")
+    assert len(found.quarantined) == 3
+    kept = np.delete(np.arange(30), 20)
+    np.testing.assert_allclose(found.observations.states.q_rad, logs.q_rad[kept], atol=2e-4)
+
+
+def test_a_target_that_one_visit_lacks_is_not_that_of_the_next_visit(tmp_path):
+    """All poses twice under equal commands, each row of readings with joints of its own."""
+    logs = two_logs(tmp_path, 12, poses=30, dense=False, noise_deg=0.0)
+    once = one_target_a_row(logs)
+    again = once.assign(**{PLACE[0]: once[PLACE[0]] + 0.02})
+    joints = logs.joints[JOINTS].loc[once.index]
+    lost = 3 * 3 + 1  # SMR2 at the first visit of a pose
+    logs.readings = pd.concat([once, again], ignore_index=True).drop(index=lost)
+    logs.joints = pd.concat([joints, joints], ignore_index=True).drop(index=lost)
+    found = read_targets(tmp_path, logs).observations
+    at_pose = np.abs(found.states.q_rad - logs.q_rad[3]).max(axis=1) < 1e-3
+    off_mm = 1e3 * found.measured.places_m[at_pose, :, 0]
+    off_mm -= once.loc[3, PLACE[0]].to_numpy(float)
+    np.testing.assert_allclose(off_mm, [[0.0, np.nan, 0.0], [0.02] * 3], atol=1e-6)
+
+
 @pytest.mark.parametrize("by", ["time", "row"])
 def test_targets_aimed_at_in_turn_while_the_arm_stands_are_one_configuration(tmp_path, written, by):
     """One instrument measures three targets one after the other; each has a row of its own."""
@@ -454,3 +507,66 @@ def test_rows_without_a_partner_under_their_label_are_told(tmp_path):
     }
     (note,) = (note for note in found.notes if "joined by label" in note)
     assert note.endswith("; 1 of 41 rows of controller.csv have no reading")
+
+
+def three_visits(tmp_path):
+    """Return logs of 30 poses, each visited three times under one label, and X of the first."""
+    logs = two_logs(tmp_path, 5, poses=30, dense=False, noise_deg=0.0)
+    names = [f"P{k}" for k in range(30)]
+    joints, readings = (
+        table.drop(columns=table.columns[0]).assign(label=names)
+        for table in (logs.joints, logs.readings)
+    )
+    turns = range(3)  # joints and places tell which visit it was
+    logs.joints = pd.concat(
+        [joints.assign(**{JOINTS[0]: joints[JOINTS[0]] + 0.002 * turn}) for turn in turns],
+        ignore_index=True,
+    ).astype(object)
+    logs.readings = pd.concat(
+        [readings.assign(**{PLACE[0]: readings[PLACE[0]] + 0.004 * turn}) for turn in turns],
+        ignore_index=True,
+    ).astype(object)
+    return logs, readings[PLACE[0]].to_numpy()
+
+
+@pytest.mark.parametrize(
+    ("log", "column"), [("joints", JOINTS[1]), ("readings", PLACE[1]), ("readings", "Rx [deg]")]
+)
+def test_a_visit_that_cannot_be_read_moves_no_later_visit_of_its_label(tmp_path, log, column):
+    logs, first_mm = three_visits(tmp_path)
+    getattr(logs, log).loc[5, column] = "lost"
+    found = read_with(tmp_path, logs, {"pose": "label"}, pose="label")
+    readings = found.observations
+    assert len(readings) == 89
+    pose = [int(label[1:]) for label in readings.pose]
+    by_joints = np.degrees(readings.states.q_rad - logs.q_rad[pose])[:, 0] / 0.002
+    by_place = (1e3 * readings.measured.places_m[:, 0, 0] - first_mm[pose]) / 0.004
+    np.testing.assert_allclose(by_joints, np.round(by_place), atol=0.1)
+    told = {row.line: row.reason for row in found.quarantined if row.file == "tracker.csv"}
+    lost = "the row of the joints for this visit of its label cannot be used"
+    assert told == {7: lost if log == "joints" else "not a finite number"}
+
+
+def test_visits_are_not_counted_where_a_row_may_have_their_label(tmp_path):
+    """A row of joints with a field more: whose visit it was, nobody knows."""
+    logs, _ = three_visits(tmp_path)
+    folder = tmp_path / "mine"
+    read_with(tmp_path, logs, {"pose": "label"}, pose="label")
+    lines = (folder / "controller.csv").read_text().splitlines()
+    lines[6] += ",1.0"
+    (folder / "controller.csv").write_text("\n".join(lines) + "\n")
+    found = read_campaign(folder)
+    unclear = "the two logs have its label in different numbers"
+    told = [row.line for row in found.quarantined if row.reason.startswith(unclear)]
+    assert told == [7, 37, 67]
+
+
+def test_rows_without_a_label_are_not_joined_by_it():
+    joints, readings = np.array(["A", "B", "", "C"]), np.array(["A", "", "B", "C"])
+    np.testing.assert_array_equal(by_label(joints, readings), [0, -1, 1, 3])
+
+
+def test_labels_of_which_one_begins_another_are_not_visits_of_one():
+    labels = np.array([f"P{k}" for k in range(1, 13)])
+    readings = np.array(["P12", "P1", "P12"])
+    np.testing.assert_array_equal(by_label(labels, readings), [11, 0, 11])

@@ -23,11 +23,11 @@ import pandas as pd
 from numpy.typing import NDArray
 from pydantic import AfterValidator, Field, StringConstraints
 
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, Mask
 from pa10cal.campaign.column_map import CONTRACT_COLUMNS, ColumnMap
 from pa10cal.campaign.column_names import mistaken_encoding
 from pa10cal.campaign.formats import BY_NAME, table_lines
-from pa10cal.campaign.raw_rows import TEXT, RawRows, quarantined
+from pa10cal.campaign.raw_rows import TEXT, InFile, RawRows, quarantined
 from pa10cal.campaign.text_lines import TextLine
 from pa10cal.errors import RawDataError
 from pa10cal.files.table_cells import from_csv_cell
@@ -215,6 +215,7 @@ def read_rows(
     repeats: bool = False,
     stamps: Sequence[str] = (),
     within: Path | None = None,
+    label: str = "pose",
 ) -> RawRows:
     """Read columns of a file of rows, in parts.
 
@@ -231,6 +232,7 @@ def read_rows(
         repeats: whether exact repeats are kept.
         stamps: columns of times; where they are rounded so that rows share them, repeats are kept.
         within: folder that the file must lie in, see `lines_of`.
+        label: the column of labels by which rows are counted, if it is read.
 
     Raises:
         RawDataError: when the file is empty or too large, is no text, uses another separator or
@@ -265,8 +267,17 @@ def read_rows(
         listed += quarantined(path.name, part.line[-1:], CUT, [last.text])
     unused = tuple(name for name in header if name not in used)
     totals = {path.name: len(part.line)}
-    raw = RawRows(path.name, part.columns, right, totals, unused, listed, part.non_numeric)
     once = ~pd.Series(part.hashes).duplicated().to_numpy()
+    raw = RawRows(
+        path.name,
+        part.columns,
+        right,
+        totals,
+        unused,
+        listed,
+        part.non_numeric,
+        in_file=_in_file(part, once, width, label),
+    )
     if _rounded_stamps(part, [name for name in stamps if name in used]):
         repeats = True
     if not last.ended and part.widths[-1] == width:
@@ -277,6 +288,20 @@ def read_rows(
             keep = np.arange(len(once)) < len(once) - 1
             raw, once = raw.take(keep, CUT, [layout.row(last.text, width)[-1]]), once[keep]
     return raw if repeats else raw.take(once, REPEATED)
+
+
+def _in_file(part: _Part, once: Mask, width: int, label: str) -> InFile:
+    """Return where the rows that are as wide as the header stand in the file, all L rows counted.
+
+    `once` says which of them repeat no earlier one.
+    """
+    unread = part.widths != width
+    number = np.flatnonzero(~unread)
+    repeats = np.zeros(len(unread), dtype=bool)
+    repeats[number] = ~once
+    labels = np.full(len(unread), "", dtype=object)
+    labels[number] = part.columns.get(label, "")
+    return InFile(number, repeats, unread, labels)
 
 
 def _read_parts(

@@ -17,11 +17,11 @@ from pa10cal.campaign.column_map import ANGLES, LENGTHS
 from pa10cal.campaign.csv_rows import same_name
 from pa10cal.campaign.joint_names import joint_sets
 from pa10cal.campaign.joint_positions import in_radians
+from pa10cal.campaign.log_labels import by_label, shared_labels
 from pa10cal.campaign.matrices import rows_of_a_matrix
 from pa10cal.campaign.nominal_fit import placed_by_points
 from pa10cal.campaign.recognise import Roles, standing
 from pa10cal.campaign.sniffing import Sniffed
-from pa10cal.campaign.two_logs import by_label, shared_labels
 from pa10cal.errors import RawDataError
 
 #: Rows that are compared, at most and at least.

@@ -26,13 +26,14 @@ from pa10cal.campaign.headerless import (
     roles_by_arm,
 )
 from pa10cal.campaign.joint_positions import in_radians, position_columns
+from pa10cal.campaign.log_labels import shared_labels
 from pa10cal.campaign.nominal_fit import off_computed_m, placed_by_points
 from pa10cal.campaign.own_columns import FileColumns
 from pa10cal.campaign.proposed_columns import ProposedColumns
 from pa10cal.campaign.recognise import Roles
 from pa10cal.campaign.row_targets import labels_without_targets, named_in_other_log
 from pa10cal.campaign.sniffing import Sniffed, rows_at
-from pa10cal.campaign.two_logs import LABELS, TwoLogs, shared_labels
+from pa10cal.campaign.two_logs import LABELS, TwoLogs
 from pa10cal.errors import RawDataError
 from pa10cal.options import IngestOptions
 from pa10cal.rules import STANDS

@@ -17,7 +17,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from pa10cal.arrays import Array, Mask
+from pa10cal.arrays import Array, Index, Mask
 from pa10cal.campaign.bounds import rule_of
 from pa10cal.campaign.column_map import (
     ANGLES,
@@ -39,7 +39,7 @@ from pa10cal.campaign.own_columns import (
     TargetOfRow,
     Time,
 )
-from pa10cal.campaign.raw_rows import TEXT, RawRows
+from pa10cal.campaign.raw_rows import TEXT, InFile, RawRows
 from pa10cal.campaign.sniffing import ISO, seconds_of
 from pa10cal.errors import RawDataError
 
@@ -248,8 +248,9 @@ class RawFile:
             repeats=repeats,
             stamps=columns.time.names if columns.time and self.key in LOGS else (),
             within=self.path.parent,
+            label=columns.pose[0] if columns.pose else "",
         )
-        raw = replace(raw, unused=())
+        raw = everything = replace(raw, unused=())
         rotation = columns.rotation if wanted & set(QUATERNION) else None
         if rotation is not None:
             raw = _rows_with_rotation(raw, rotation)
@@ -302,7 +303,14 @@ class RawFile:
             return translated
         if columns.pose == columns.target.names and "pose" in made:
             translated = translated.with_columns({"pose": of_targets.label.astype(object)})
-        return _one_row_a_pose(translated, of_targets.target, position_columns(self.prismatic))
+        stated = [name for name in ("pose", "kind", "load_N", "repeat") if name in made]
+        keys = {name: everything[self.words.sources[name].name] for name in stated}
+        if columns.pose == columns.target.names and "pose" in keys:
+            fields = everything.text_of(columns.target.names[0]).tolist()
+            keys["pose"] = np.array([columns.target.of(field)[0] for field in fields], dtype=object)
+        every = pd.DataFrame(keys, index=everything.line)
+        q = position_columns(self.prismatic)
+        return _one_row_a_pose(translated, of_targets.target, q, every)
 
     def _unmapped(self, missing: Sequence[str]) -> RawDataError:
         key = rule_of(missing[0]).key
@@ -468,7 +476,9 @@ class _RowsOfTargets:
         return cls(raw.take(known, UNKNOWN, values), target[known], label[known])
 
 
-def _one_row_a_pose(raw: RawRows, targets: NDArray[np.str_], q: Sequence[str]) -> RawRows:
+def _one_row_a_pose(
+    raw: RawRows, targets: NDArray[np.str_], q: Sequence[str], every: pd.DataFrame
+) -> RawRows:
     """Return one row for each configuration of rows that are of one target each.
 
     Columns of targets other than that of the row are blanked, then rows of one configuration are
@@ -479,6 +489,7 @@ def _one_row_a_pose(raw: RawRows, targets: NDArray[np.str_], q: Sequence[str]) -
         raw: N rows.
         targets: (N,) target of each.
         q: columns of the joints.
+        every: pose, kind, load and repeat as stated of all rows of the file, by their lines.
     """
     columns, non_numeric = dict(raw.columns), dict(raw.non_numeric)
     for name in columns:
@@ -490,7 +501,7 @@ def _one_row_a_pose(raw: RawRows, targets: NDArray[np.str_], q: Sequence[str]) -
             texts = non_numeric.get(name, {}).items()
             non_numeric[name] = {line: text for line, text in texts if line in lines}
     raw = replace(raw, columns=columns, non_numeric=non_numeric)
-    stated = [name for name in ("pose", "kind", "load_N", "repeat") if name in columns]
+    stated = [name for name in every if name in columns]
     joints = [name for name in q if name in columns]
     if "pose" not in stated and not joints:
         return raw
@@ -500,6 +511,7 @@ def _one_row_a_pose(raw: RawRows, targets: NDArray[np.str_], q: Sequence[str]) -
     again = _grouped(keys.assign(target=targets)).cumcount()
     group = _grouped(keys.assign(again=again)).ngroup().to_numpy()
     first = np.unique(group, return_index=True)[1]
+    raw = replace(raw, in_file=_poses_in_file(group, raw.line, every))
     if len(first) == len(raw):
         return raw
     numbers = [n for n in columns if np.issubdtype(columns[n].dtype, np.floating)]
@@ -516,6 +528,29 @@ def _one_row_a_pose(raw: RawRows, targets: NDArray[np.str_], q: Sequence[str]) -
         merged.with_columns({name: means[name].to_numpy() for name in numbers if name != "time_s"}),
         notes=(*raw.notes, note),
     )
+
+
+def _poses_in_file(group: Index, line: NDArray[np.int64], every: pd.DataFrame) -> InFile:
+    """Return where the configurations of rows that can be used stand among all poses of the file.
+
+    A pose of which no row can be used counts as one.
+
+    Args:
+        group: (N,) configuration of each row that can be used, in order of appearance.
+        line: (N,) its line.
+        every: what is stated of the pose of all rows of the file, by their lines.
+    """
+    kept = np.isin(every.index, line)
+    key = _grouped(every).ngroup().to_numpy() if len(every.columns) else np.zeros(len(every), int)
+    lost = ~np.isin(key, key[kept])
+    pose = np.full(len(every), -1)
+    pose[kept] = group
+    pose[lost] = len(group) + key[lost]
+    first = pd.Series(pose)[pose >= 0].drop_duplicates().index
+    labels = every["pose"].to_numpy() if "pose" in every else np.full(len(every), "", dtype=object)
+    poses = InFile.of_all(len(first))
+    number = np.flatnonzero(np.isin(pose[first], group))[group]  # see `RawRows.at` of each row
+    return replace(poses, number=number, labels=labels[first])
 
 
 def _grouped(keys: pd.DataFrame) -> Any:

@@ -29,6 +29,30 @@ _DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+")
 
 
 @dataclass(frozen=True)
+class InFile:
+    """Where N rows stand among the F rows of their file, those that cannot be used included.
+
+    Rows of one target each that were made one row a pose are counted as poses.
+    """
+
+    number: Index  # (N,) of each row, from 0
+    repeats: Mask  # (F,) whether a row repeats an earlier one exactly
+    unread: Mask  # (F,) whether nothing is known of a row
+    labels: NDArray[Any]  # (F,) label of each row in the file's own column; "" where not known
+
+    @property
+    def count(self) -> int:
+        """Return how many rows the file has."""
+        return len(self.repeats)
+
+    @classmethod
+    def of_all(cls, count: int) -> InFile:
+        """Return the places of rows that are all that the file has."""
+        none = np.zeros(count, dtype=bool)
+        return cls(np.arange(count), none, none, np.full(count, "", dtype=object))
+
+
+@dataclass(frozen=True)
 class RawRows:
     """The N rows of one file, or of two joined files, before they become `Observations`."""
 
@@ -44,9 +68,15 @@ class RawRows:
     own: ColumnMap = CONTRACT_COLUMNS  # the file's own columns
     notes: tuple[str, ...] = ()  # what the user should know, one clause each
     warnings: tuple[str, ...] = ()  # what the user should correct first, one sentence each
+    in_file: InFile | None = None  # where the rows stand in one file, by a reader that counts them
 
     def __len__(self) -> int:
         return len(self.line)
+
+    @property
+    def numbered(self) -> InFile:
+        """Return where the rows stand in their file; as if there were no others if not counted."""
+        return InFile.of_all(len(self)) if self.in_file is None else self.in_file
 
     def __getitem__(self, name: str) -> NDArray[Any]:
         return self.columns[name]
@@ -92,7 +122,10 @@ class RawRows:
     def at(self, rows: NDArray[np.intp]) -> RawRows:
         """Return the rows with these numbers, in their order."""
         columns = {name: column[rows] for name, column in self.columns.items()}
-        return replace(self, columns=columns, line=self.line[rows])
+        numbered = self.in_file
+        if numbered is not None:
+            numbered = replace(numbered, number=numbered.number[rows])
+        return replace(self, columns=columns, line=self.line[rows], in_file=numbered)
 
     def finite(self, names: Sequence[str], *, may_be_blank: bool = False) -> RawRows:
         """Quarantine rows with no finite number in one of the columns; blanks may be allowed."""

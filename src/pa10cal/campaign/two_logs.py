@@ -6,10 +6,8 @@ was taken. The arm's stations are the dwells of a log of motion, or every row of
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import product
 from pathlib import Path
 from typing import Any, Literal
 
@@ -18,7 +16,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pa10cal.arm.description import Arm
-from pa10cal.arrays import Index
+from pa10cal.arrays import Array, Index
 from pa10cal.campaign.bounds import LEAST_U, unwrapped
 from pa10cal.campaign.clock_jumps import join_by_time
 from pa10cal.campaign.column_map import ColumnMap
@@ -32,10 +30,11 @@ from pa10cal.campaign.joint_positions import (
     position_columns,
     same_commands,
 )
+from pa10cal.campaign.log_labels import Visits, by_visit
 from pa10cal.campaign.nominal_fit import find_shift, refuse_shifted
 from pa10cal.campaign.own_columns import Inverse
 from pa10cal.campaign.raw_file import RawFile
-from pa10cal.campaign.raw_rows import RawRows
+from pa10cal.campaign.raw_rows import InFile, RawRows
 from pa10cal.campaign.screens import refuse_too_many
 from pa10cal.campaign.time_join import JoinedReadings, NominalArm, TimeJoin
 from pa10cal.errors import RawDataError
@@ -46,112 +45,22 @@ from pa10cal.options import IngestOptions
 SINCE_1970 = 1e8
 #: Columns that either log may have. All but `kind` are made where neither has them.
 LABELS = ("time_s", "pose", "load_N", "repeat", "kind")
-#: Columns of labels share so many labels, and this part of those of the shorter column, at least.
-SHARED, SHARED_PART = 3, 0.8
 #: Why a reading has no joint positions, by what joins the two logs.
 NOT_JOINED = {
     "time": "the arm did not stand still then, by the log of its joints",
     "label": "the log of the joints has no such label",
     "row": "the log of the joints has no such row",
 }
-LESS_OFTEN = "the log of the joints has its label several times, and less often than the readings"
 
 
-def shared_labels(
-    joints: Mapping[str, Sequence[str]], readings: Mapping[str, Sequence[str]]
-) -> tuple[str, str] | None:
-    """Return the columns of text, one of each log, that hold the same labels; None for none.
-
-    Names of columns do not matter. The joints' log must have half as many labels as rows at least.
-    """
-    best, columns = (SHARED_PART, SHARED - 1), None
-    for spelling in SPELLINGS:
-        for (logged, ours), (read, theirs) in product(joints.items(), readings.items()):
-            shared = _shared(ours, theirs, spelling)
-            if len(set(ours) - {""}) >= 0.5 * len(ours) and shared[1] >= SHARED and shared > best:
-                best, columns = shared, (logged, read)
-    return columns
-
-
-def _shared(
-    joints: Sequence[str], readings: Sequence[str], spelling: Callable[[str], str]
-) -> tuple[float, int]:
-    """Return which part of the labels of the shorter column both columns have, and how many.
-
-    Both are 0 where the spelling makes one of different labels in a column.
-    """
-    written = [set(texts) - {""} for texts in (joints, readings)]
-    ours, theirs = ({spelling(label) for label in labels} for labels in written)
-    if [len(ours), len(theirs)] != [*map(len, written)]:
-        return 0.0, 0
-    shared_count = len(ours & theirs)
-    return shared_count / max(min(len(ours), len(theirs)), 1), shared_count
-
-
-def _bare(label: str) -> str:
-    """Return the letters and digits of a label in lower case, numbers in it apart.
-
-    A whole number with decimals, as programs write 1.0 for 1, is that number.
-    """
-    if (whole := re.fullmatch(r"\s*(\d+)[.,]0+\s*", label)) is not None:
-        return whole[1]
-    numbers_apart = re.sub(r"(?<=\d)[\W_]+(?=\d)", ".", label.casefold())
-    return re.sub(r"[^\w.]|_|(?<!\d)\.|\.(?!\d)", "", numbers_apart)
-
-
-#: How labels of two logs are compared: as written, or else by letters and digits.
-SPELLINGS: tuple[Callable[[str], str], ...] = (str, _bare)
-
-
-def by_label(joints: NDArray[np.str_], readings: NDArray[np.str_]) -> Index:
-    """Return the row of the joints for each reading by its label, -1 where there is none.
-
-    Joints that were logged once under a label belong to all readings under it. Of a label that the
-    joints' log has several times, the k-th reading has the k-th joints. Labels are compared as
-    written, or by their letters and digits where the logs share more labels so.
-    """
-    ours, theirs = _as_compared(joints, readings)
-    logged = pd.DataFrame({"label": ours, "row": np.arange(len(joints))})
-    read = pd.DataFrame({"label": theirs})
-    for table in (logged, read):
-        table["number"] = table.groupby("label").cumcount()
-    once = logged[~logged["label"].duplicated(keep=False)].set_index("label")["row"]
-    of_many = read.merge(logged, how="left", on=["label", "number"])["row"]
-    station = read["label"].map(once).fillna(of_many)
-    return station.fillna(-1).to_numpy(dtype=np.intp)
-
-
-def _as_compared(
-    joints: NDArray[np.str_], readings: NDArray[np.str_]
-) -> tuple[NDArray[np.str_], NDArray[np.str_]]:
-    """Return the labels of both logs in the spelling in which they share most of them."""
-    both = joints.tolist(), readings.tolist()
-    spelling = max(SPELLINGS, key=lambda spelling: _shared(*both, spelling))
-    ours, theirs = (np.array([spelling(label) for label in labels], str) for labels in both)
-    return ours, theirs
-
-
-def by_row(joints: RawRows, readings: RawRows) -> Index:
+def by_row(joints: InFile, readings: InFile) -> Index:
     """Return the row of the joints for each reading with the same number in its file, -1 for none.
 
-    See `_numbers_in_file`. It means something only where both files have equally many rows.
+    It means something only where both files have equally many rows.
     """
-    (ours, our_count), (theirs, their_count) = map(_numbers_in_file, (joints, readings))
-    station = np.full(max(our_count, their_count), -1)
-    station[ours] = np.arange(len(joints))
-    return station[theirs]
-
-
-def _numbers_in_file(raw: RawRows) -> tuple[Index, int]:
-    """Return the number of each row in its file (N,), from 0, and how many there are.
-
-    Rows that were quarantined are counted. Where rows of one target each were made one row a pose,
-    poses are counted.
-    """
-    lines = np.sort([*raw.line.tolist(), *(row.line for row in raw.quarantined)])
-    if len(lines) != sum(raw.totals.values()):
-        return np.arange(len(raw)), len(raw)
-    return np.searchsorted(lines, raw.line), len(lines)
+    station = np.full(max(joints.count, readings.count), -1)
+    station[joints.number] = np.arange(len(joints.number))
+    return station[readings.number]
 
 
 def _uncertainties(
@@ -168,7 +77,9 @@ def _uncertainties(
         names: columns of joint positions, then of torques if logged.
         own: the joint, from 0, that belongs to each axis.
     """
-    scatter = np.hstack([stations.q_u_deg[:, own], stations.tau_u_Nm])[:, : len(names)]
+    q_scatter_deg = stations.q_u_deg[:, own]
+    torques_logged = len(names) > q_scatter_deg.shape[1]
+    scatter = np.hstack([q_scatter_deg, stations.tau_u_Nm]) if torques_logged else q_scatter_deg
     scatter = np.where(scatter >= LEAST_U, scatter, np.nan)
     columns = [f"u_{name}" for name in names]
     stated = pd.DataFrame(logged.numbers_of(columns)).groupby(stations.of_sample).mean()
@@ -253,17 +164,22 @@ class TwoLogs:
         rows = _of_both_files(_from_first_time(rows), logged, joined)
         at_station = joined.station >= 0
         rows = rows.take(at_station, NOT_JOINED[self._by])
-        return self._one_row_a_stand(rows, joined.station[at_station], q)
-
-    def _one_row_a_stand(self, rows: RawRows, station: Index, q: Sequence[str]) -> RawRows:
-        """Return one row for each stand of the arm where rows are of one target each."""
         columns = self.readings.columns
         if columns is None or columns.target is None:
             return rows
-        stand = station
-        if self._by == "row":  # each row has joints of its own: those of a stand are equal
-            stand = same_commands(rows.numbers_of(q), self.campaign.repeat_tolerance_deg)
+        stand = joined.station[at_station]
+        if self._by == "row":  # each reading has a row of joints of its own
+            stand = self._stand_of_rows(logged.numbers_of(q))[stand]
         return _one_row_a_stand(rows, stand, self.measured_columns)
+
+    def _stand_of_rows(self, q: Array) -> Index:
+        """Return the stand of the arm for each row of joint positions q (M, n) [deg, mm].
+
+        Rows that follow each other with equal commands are one. Equal commands further on are those
+        of another visit, to which the arm comes with errors of its own.
+        """
+        command = same_commands(q, self.campaign.repeat_tolerance_deg)
+        return np.cumsum(np.diff(command, prepend=command[:1]) != 0)
 
     def _labels_by_joints(self, names: Sequence[str]) -> list[str]:
         """Return the labels among names that the joints' log alone has, or that are made.
@@ -389,7 +305,7 @@ class TwoLogs:
             read, station, unused = self._joined_by_label(read, logged)
             note += unused
         else:
-            station = by_row(logged, read)
+            station = by_row(logged.numbered, read.numbered)
         shift = find_shift(nominal.at_stations(read, stations), station)
         if shift is not None:
             how = f"as they are joined by {self._by}"
@@ -401,23 +317,26 @@ class TwoLogs:
     def _joined_by_label(self, read: RawRows, logged: RawRows) -> tuple[RawRows, Index, str]:
         """Return the readings, the row of the joints of each, and what else to note.
 
-        Readings under labels that the joints' log has less often are quarantined for that.
+        Readings whose label the joints' log has, but not for their visit, are quarantined.
         """
-        of_joints, of_readings = logged.text_of("pose"), read.text_of("pose")
-        station = by_label(of_joints, of_readings)
-        ours, theirs = _as_compared(of_joints, of_readings)
-        keep = (station >= 0) | ~np.isin(theirs, ours)
+        of_joints, of_readings = (
+            Visits.of(rows.text_of("pose"), rows.numbered) for rows in (logged, read)
+        )
+        station, why = by_visit(of_joints, of_readings)
         unused_count = len(logged) - len(set(station[station >= 0].tolist()))
         unused = (
             f"; {unused_count} of {len(logged)} rows of {self.joints.path.name} have no reading"
             if unused_count
             else ""
         )
-        return read.take(keep, LESS_OFTEN), station[keep], unused
+        for reason in sorted({*why.tolist()} - {""}):
+            keep = why != reason
+            read, station, why = read.take(keep, reason), station[keep], why[keep]
+        return read, station, unused
 
     def _refuse_other_numbers_of_rows(self, read: RawRows, logged: RawRows) -> None:
         """Refuse logs that are joined by row and have different numbers of rows."""
-        (_, joint_count), (_, count) = map(_numbers_in_file, (logged, read))
+        joint_count, count = logged.numbered.count, read.numbered.count
         if joint_count == count:
             return
         many, rest = divmod(count, joint_count)
