@@ -161,6 +161,17 @@ class TestExtendedModel:
         calibrated = read(work / "combined.json")["fitted_model"]
         assert [term["x"] for term in model["terms"]] == [t["x"] for t in calibrated["terms"]]
 
+    def test_weights_that_the_poses_show_are_exported_with_nothing_named(
+        self, work, found, tmp_path
+    ):
+        record = read(found / "extended.json") | {"named": [], "fits_weights": True}
+        path = tmp_path / "extended.json"
+        path.write_text(json.dumps(record), "utf-8")
+        assert export(work, tmp_path, extended=path) == 0
+        model = yaml.safe_load((tmp_path / "model.yaml").read_text("utf-8"))
+        fitted = record["fitted_model"]["terms"]
+        assert [term["x"] for term in model["terms"]] == [t["x"] for t in fitted]
+
     def test_what_is_predicted_without_a_name_is_exported_if_effects_hold_nowhere(
         self, work, found, tmp_path
     ):

@@ -12,7 +12,8 @@ from pa10cal.calibration.uncertainty import reported_keys
 from pa10cal.discovery.finding import name_of, not_testable
 from pa10cal.discovery.log_faults import steps_told
 from pa10cal.discovery.rules import JUDGING, decisions
-from pa10cal.discovery.verdict import NOTHING_PLANNED, Plan, Verdict
+from pa10cal.discovery.sessions import is_moved_in_order
+from pa10cal.discovery.verdict import NOTHING_PLANNED, Plan, Verdict, is_sought
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.model_writing import model_to_plain
 from pa10cal.fit.problem import possible_sizes
@@ -31,7 +32,8 @@ from pa10cal.results.maps import FallsBack
 from pa10cal.results.number_text import shown_probability
 from pa10cal.results.record import CampaignIdentity
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
-from pa10cal.terms.term import Report
+from pa10cal.terms.term import Report, yields
+from pa10cal.terms.weights import is_fault
 from pa10cal.terms.wording import fault_text
 
 
@@ -59,6 +61,7 @@ def verdict_keys(found: Verdict, ahead: Plan = NOTHING_PLANNED) -> VerdictKeys:
         verdict=found.verdict,
         why=found.why,
         remedy=found.remedy,
+        fits_weights=_fits_weights(found) or None,
         method=found.method,
         explained=found.explained,
         effects=tuple(
@@ -86,6 +89,23 @@ def verdict_keys(found: Verdict, ahead: Plan = NOTHING_PLANNED) -> VerdictKeys:
         separations=ahead.separations,
         no_separating_poses=ahead.why_none,
     )
+
+
+def _fits_weights(found: Verdict) -> bool:
+    """Return whether the model has weights that the poses show, beside which springs are right.
+
+    Springs that were fitted under stated weights alone are wrong by the error of these, and their
+    uncertainty does not hold it. Where rows have another load than logged, or the base moved,
+    weights would stand for that.
+    """
+    if not is_sought(found) or found.prepared.torques != "masses":
+        return False
+    if any(is_fault(finding.effect) for finding in found.findings):
+        return True
+    moved = any(map(is_moved_in_order, found.unexplained))
+    if moved or found.weights_assumed or any(fault.decides for fault in found.faults):
+        return False
+    return any(map(yields, found.baseline.model.terms))
 
 
 def verdict_record(
@@ -120,6 +140,7 @@ def extended_record(
         arrival_from_order=verdict.arrival_from_order,
         steps_s=steps_told(found.faults) or None,
         named=verdict.effects,
+        fits_weights=verdict.fits_weights,
         warnings=(*warnings_of(verdict), *_confirmed(found), *_end_elsewhere(found)),
     )
 

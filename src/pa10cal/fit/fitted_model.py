@@ -45,8 +45,10 @@ class FittedModel(Fitted):
     ) -> Prediction:
         """Predict where a frame of the robot is.
 
-        Torques are those of the weights described. What an instrument reads falsely, and what a
-        torque log shows falsely, moves no robot and plays no part.
+        Torques are those of the weights described, or of those that the fit found beside them. A
+        load that was found to be stated wrongly is, under the number stated, what it was found to
+        be; others are what they are called. What an instrument reads falsely, and what a torque log
+        shows falsely, moves no robot and plays no part.
 
         Args:
             q: (N, m) or (m,) joint positions, as the controller counts them [rad; m if prismatic].

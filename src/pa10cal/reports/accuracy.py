@@ -116,8 +116,11 @@ def parameters(results: ResultsBundle, case: CalibrationRecord) -> Iterator[Page
     """Yield the parameters of the model that is exported."""
     shown: Mapping[str, Parameter] = case.parameters
     model = "calibrated model"
-    if results.extended is not None and results.extended.named:
-        shown, model = results.extended.parameters, "model with the effects found"
+    if results.extended is not None and results.extended.adds_parameters:
+        shown = results.extended.parameters
+        model = (
+            "model with the effects found" if results.extended.named else "model with the weights"
+        )
     yield Paragraph(
         f"Parameters of the {model}, with 95 % intervals. An interval includes the noise of the "
         "measurement, but no effect that the model lacks. A tolerance is the deviation expected of "

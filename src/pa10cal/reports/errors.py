@@ -21,8 +21,9 @@ _TITLES = {
     "extended": "with the effects found",
     "with_rivals": "with rivals without a name too, not written",
 }
-#: Title of the extended model where nothing that it adds has a name.
+#: Titles of the extended model where nothing that it adds has a name.
 _WITHOUT_A_NAME = "with what has no name predicted"
+_WITH_WEIGHTS = "with the weights that the poses show"
 #: Parts of the configurations in words.
 _PARTS = {
     "inside": "angles seen in the fit",
@@ -127,10 +128,11 @@ def better_general(results: ResultsBundle) -> str | None:
 def model_titles(results: ResultsBundle, names: Iterable[str]) -> dict[str, str]:
     """Return the title of each model to compare: the extended one only where it adds anything."""
     titles = {name: _TITLES[name] for name in names}
-    if results.verdict is not None and not results.verdict.adds_to_calibrated:
+    verdict = results.verdict
+    if verdict is not None and not verdict.adds_to_calibrated:
         titles.pop("extended", None)
-    elif "extended" in titles and results.verdict is not None and not results.verdict.effects:
-        titles["extended"] = _WITHOUT_A_NAME
+    elif "extended" in titles and verdict is not None and not verdict.effects:
+        titles["extended"] = _WITHOUT_A_NAME if verdict.predicts_nameless else _WITH_WEIGHTS
     if not {"geometry", "cubic"} & set(titles) and "linear" in titles:
         titles["linear"] = "calibrated"
     return titles

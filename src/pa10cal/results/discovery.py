@@ -454,6 +454,10 @@ class VerdictKeys(record.Part):
     verdict: Verdict
     why: str | None = record.optional()  # why effects cannot be sought, where `not_sought`
     remedy: str | None = record.optional()  # what would do, where `not_sought`
+    # true where the extended model has the weights that the poses show beside those stated, or a
+    # load or tool other than stated: it is exported even where no effect is named. Not given where
+    # torques were logged, no spring is loaded, or other faults may stand for weights
+    fits_weights: bool | None = record.optional()
     # how effects were judged; null where they were not sought
     method: Literal["evidence of repeats", "cross-validation over blocks"] | None
     # how much of the position error beyond noise the effects found take away, and each of them; not
@@ -502,10 +506,12 @@ class VerdictKeys(record.Part):
     @property
     def adds_to_calibrated(self) -> bool:
         """Return whether the extended model predicts more than the calibrated one."""
-        without_name = self.explained is not None and any(
-            part.has_no_name for part in self.explained.of
-        )
-        return bool(self.effects) or without_name
+        return bool(self.effects or self.fits_weights) or self.predicts_nameless
+
+    @property
+    def predicts_nameless(self) -> bool:
+        """Return whether the extended model predicts what has no name."""
+        return self.explained is not None and any(part.has_no_name for part in self.explained.of)
 
     @property
     def effects_by_share(self) -> tuple[FoundEffect, ...]:
@@ -556,7 +562,14 @@ class ExtendedRecord(record.MeasuredRecord):
     # they did not
     steps_s: tuple[float, ...] | None = record.optional()
     named: tuple[NamedEffect, ...]  # effects named, with uncertainties
+    # true where it has weights as the poses show them, see the verdict
+    fits_weights: bool | None = record.optional()
     warnings: tuple[str, ...]  # what to know before the model is trusted
+
+    @property
+    def adds_parameters(self) -> bool:
+        """Return whether its parameters are those of the exported model, not the calibrated one."""
+        return bool(self.named or self.fits_weights)
 
     @property
     def grade(self) -> str:

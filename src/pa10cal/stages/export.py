@@ -197,7 +197,7 @@ def _exported_model(
         with_effects = read(ExtendedRecord, extended, record.campaign)
         model = read_extended(extended, record.campaign).model
         # Where effects hold nowhere, the field is in the model that it falls back to.
-        if with_effects.named or predicting_model(model).model.terms_of("field"):
+        if with_effects.adds_parameters or predicting_model(model).model.terms_of("field"):
             # The grade is that of the calibration to export, which may have these effects itself,
             # unless the effects confirm what was suspected of it.
             about = calibrated.fitted_to
