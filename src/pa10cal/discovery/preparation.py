@@ -228,6 +228,7 @@ def context_of(
         time_span_s=(float(states.time_s.min()), float(states.time_s.max())),
         loads_N=tuple(np.unique(states.load_N).tolist()),
         tool_kg=0.0 if setup.payload is None else setup.payload.mass_kg,
+        campaign_tools_kg=_campaign_tools_kg(setup.payload, len(campaigns)),
         gravity_m_s2=(0.0, 0.0, 0.0)
         if setup.payload is None
         else tuple(setup.payload.gravity_m_s2.tolist()),
@@ -259,6 +260,14 @@ def _lifts(states: PoseStates, arm: Arm) -> tuple[int, float, float] | None:
         return None
     sine, cosine = (np.hypot(*every) / np.hypot(*own) * own).tolist()
     return joint + 1, sine, cosine
+
+
+def _campaign_tools_kg(payload: Payload | None, campaigns: int) -> tuple[float, ...]:
+    """Return the mass stated of the tool of each campaign of a group, 0 where it is not known."""
+    if payload is None:
+        return ()
+    carried = payload.of_campaigns or (payload,) * campaigns
+    return tuple(each.mass_kg if each.known else 0.0 for each in carried[:campaigns])
 
 
 # Which effects are sought, and which of these poses can show: decided without the residuals.

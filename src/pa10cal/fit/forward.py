@@ -19,6 +19,7 @@ from pa10cal.rules import LACK
 from pa10cal.terms.effects.joint_error_map import JointErrorMap, is_error_map
 from pa10cal.terms.model import Model
 from pa10cal.terms.term import Term, shows_torque, yields
+from pa10cal.terms.weights import CampaignToolStated
 from pa10cal.terms.wrapped import OF
 
 #: Step of central differences of the terms by the joints [rad, m]: nine digits are right even for
@@ -145,10 +146,13 @@ class Forward:
                 allowed=", ".join(model.frames),
                 remedy="correct the name",
             )
-        # A frame of one campaign of a group moves under the payload of that campaign.
+        # A frame of one campaign of a group moves under the payload of that campaign, others under
+        # that of the first.
         carried = () if model.payload is None else model.payload.of_campaigns
         payload_of = dict(zip(model.R_first_target_of, carried, strict=False))
-        payload = payload_of.get(frame.partition(OF)[2], model.payload)
+        of_frame = frame.partition(OF)[2]
+        payload = payload_of.get(of_frame, model.payload)
+        number = [*model.R_first_target_of, of_frame].index(of_frame) if of_frame else 0
         model = replace(model, payload=payload)
         weights, yielding = model.arm.weights_known, any(map(yields, model.model.terms))
         logged = weights is not None and (weights.origin == "logged" or weights.by_log is not None)
@@ -163,6 +167,8 @@ class Forward:
             """Return whether a term moves the frame in the base."""
             if not moves_robot(term):
                 return False
+            if isinstance(term, CampaignToolStated):
+                return term.campaign == number
             if on_tool:
                 return term not in tools.values() or term is tool_term
             # Positions of targets are constant in the flange, but move as the tool yields.

@@ -27,6 +27,7 @@ from pa10cal.terms.term import (
     TorqueOnly,
     report_as_solved,
 )
+from pa10cal.terms.wrapped import OF
 
 _PARTS = (("mass", "kg"), ("moment_x", "kg m"), ("moment_y", "kg m"), ("moment_z", "kg m"))
 
@@ -366,6 +367,44 @@ class ToolStated(WeightStated):
 
 
 @dataclass(frozen=True)
+class CampaignToolStated(ToolStated):
+    """Mass or centre of the tool of one campaign of a group are not what is stated."""
+
+    campaign: int = 0  # number of the campaign in the group, from 0
+    id = "campaign_tool_stated"
+    nouns = ("tool of a campaign as stated", "tools of campaigns as stated")
+    clauses = ("the tool of a campaign is not what is stated",)
+
+    @classmethod
+    def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
+        if context.torques != "masses" or context.arm.mass_kg is None:
+            return ()
+        arm_kg = float(context.arm.mass_kg.sum())
+        return tuple(
+            cls(f"tool{OF}{name}", True, context.arm.n, tool_kg, arm_kg, number)
+            for number, (name, tool_kg) in enumerate(
+                zip(context.campaigns, context.campaign_tools_kg, strict=False)
+            )
+            if tool_kg
+        )
+
+    def per_unit(self, states: PoseStates) -> Array:
+        by_tool = super().per_unit(states)
+        if states.campaign is None:
+            return by_tool
+        return np.where((states.campaign == self.campaign)[:, None, None], by_tool, 0.0)
+
+    def fault_text(self, x: Array, std: Array) -> FaultText:
+        text, campaign = super().fault_text(x, std), self.of.partition(OF)[2]
+        return replace(
+            text,
+            where=f"{campaign}: {text.where}",
+            remedy=f"weigh the tool of {campaign}, and correct its mass and centre in its "
+            "campaign.yaml",
+        )
+
+
+@dataclass(frozen=True)
 class GravityStated(WeightStated):
     """Gravity acts along another direction of the base than stated."""
 
@@ -404,7 +443,12 @@ class GravityStated(WeightStated):
 
 
 #: Every class of fault.
-FAULTS: tuple[type[WeightStated], ...] = (LoadStated, ToolStated, GravityStated)
+FAULTS: tuple[type[WeightStated], ...] = (
+    LoadStated,
+    ToolStated,
+    CampaignToolStated,
+    GravityStated,
+)
 
 
 def fault_candidates(

@@ -68,6 +68,8 @@ class CandidateContext:
     time_span_s: tuple[float, float]  # first and last reading of the campaign
     loads_N: tuple[float, ...] = ()  # external loads that were measured at
     tool_kg: float = 0.0  # mass stated of the tool; 0 where it is not known
+    # the same of the tool of each campaign of a group; empty for no group
+    campaign_tools_kg: tuple[float, ...] = ()
     gravity_m_s2: tuple[float, float, float] = (0.0, 0.0, 0.0)  # as stated, in the base frame
     # where torques come from: `logged`, `masses`, or `none`
     torques: Literal["logged", "masses", "none"] = "none"
