@@ -165,3 +165,35 @@ def test_departures_confirm_no_fit_that_did_not_converge():
         suspicions=(InputFinding(**DEPARTS),),
     )  # fmt: skip
     assert about.confirmed() == about
+
+
+CONTRADICTS = {
+    "what": "june and july contradict each other", "where": "june: tool.mass_kg",
+    "remedy": "weigh it", "kind": "payload", "between_campaigns": True,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("suspected", "departures", "campaigns", "grade"),
+    [
+        ((CONTRADICTS,), False, True, "incomplete"),
+        ((CONTRADICTS,), True, False, "suspect_input"),
+        ((CONTRADICTS, DEPARTS), True, True, "incomplete"),
+        ((CONTRADICTS, DEPARTS), False, True, "suspect_input"),
+        ((CONTRADICTS, SIGN), True, True, "suspect_input"),
+    ],
+)
+def test_a_fit_whose_campaigns_agree_with_what_was_found_is_incomplete(
+    suspected, departures, campaigns, grade
+):
+    about = FittedTo(
+        campaign="mine", provenance="", calibration="combined", instrument="tracker", poses=100,
+        temperature_C=None, time_s=(0.0, 1.0), grade="suspect_input", health="check the input",
+        suspicions=tuple(InputFinding(**each) for each in suspected),
+    )  # fmt: skip
+    found = about.confirmed(departures=departures, campaigns=campaigns)
+    assert found.grade == grade
+    assert about.is_confirmed_as(found)
+    assert ("with which the campaigns agree" in found.health) is (grade == "incomplete")
+    (fault,) = faults_of_input([InputFinding(**CONTRADICTS)])
+    assert fault.between_campaigns

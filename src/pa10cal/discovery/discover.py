@@ -27,6 +27,7 @@ from pa10cal.discovery.log_faults import (
     DiagnosedFault,
     fault_of_influential_pose,
     fault_of_quarantined,
+    faults_of_input,
 )
 from pa10cal.discovery.loose_targets import knocked_targets, loose_targets
 from pa10cal.discovery.model_with_effects import ModelWithEffects, with_base_motion
@@ -102,6 +103,7 @@ def discover(
     found = _without_influential_poses(_judged(campaign, model), model)
     if is_sought(found):
         found = with_lines_named(with_proposals(_likelier(found, gated(found))))
+        found = _with_campaigns_compared(found)
     found = with_likely_alternatives(with_predicted(with_compliance(found)))
     return with_friction_of_log(with_doubt(with_other_readings(found)))
 
@@ -179,6 +181,23 @@ def _carried_by_one_pose(found: Verdict, shown: Collection[Effect]) -> dict[Find
         and is_named(one.effect)
         and one.effect not in shown
     }
+
+
+def _with_campaigns_compared(found: Verdict) -> Verdict:
+    """Return a verdict in which campaigns contradict each other only as the effects found leave it.
+
+    Without any the calibration's own comparison stands.
+    """
+    of_input = found.prepared.faults
+    if not found.findings or not any(fault.between_campaigns for fault in of_input):
+        return found
+    left = found.scorer.contradictions()
+    if left is None:
+        return found
+    others = (fault for fault in of_input if not fault.between_campaigns)
+    faults = (*others, *faults_of_input(left))
+    prepared = replace(found.prepared, faults=faults)
+    return replace(found, prepared=prepared, campaigns_agree=not left)
 
 
 def _likelier(found: Verdict[S], passed: Verdict[S]) -> Verdict[S]:

@@ -28,6 +28,8 @@ class DiagnosedFault(Fault):
     # whether it is a large departure of the arm: where held-out poses confirm it, `Verdict.faults`
     # omits the fault
     is_departure: bool = Field(default=False, exclude=True)
+    # whether campaigns of a group contradict each other: judged again about the extended model
+    between_campaigns: bool = Field(default=False, exclude=True)
 
 
 def steps_told(faults: Sequence[DiagnosedFault]) -> tuple[float, ...]:
@@ -88,6 +90,7 @@ def faults_of_input(suspicions: Sequence[InputFinding]) -> tuple[DiagnosedFault,
                 remedy=finding.remedy,
                 effect=finding.effect,
                 is_departure=finding.is_departure,
+                between_campaigns=bool(finding.between_campaigns),
             )
         )
     return tuple(faults)

@@ -38,7 +38,7 @@ from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.validity import AngleCoverage, Discrepancy
 from pa10cal.observe.observations import Observations
 from pa10cal.results.analysis import LackOfFit, PureErrorTest
-from pa10cal.results.calibration import EffectByCampaign
+from pa10cal.results.calibration import EffectByCampaign, InputFinding
 from pa10cal.results.discovery import Explained, Separation, SuggestedPose, Unexplained
 from pa10cal.results.discovery import Verdict as Word
 from pa10cal.results.maps import JointWitness
@@ -159,6 +159,13 @@ class Basis(ABC):
         """Return every effect as fitted to each campaign of a group alone; None for no group."""
         return None
 
+    def contradictions(self) -> tuple[InputFinding, ...] | None:
+        """Return which campaigns of a group contradict each other about the extended model.
+
+        None for no group, or where that is not known.
+        """
+        return None
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Scorer(Basis):
@@ -259,6 +266,9 @@ class Verdict(Generic[S]):
     # joint positions within which the extended model holds; None where it holds everywhere
     falls_back: FallBack | None = None
     otherwise: Otherwise | None = None  # the model under another explanation of the readings
+    # whether the calibrated model has campaigns of a group contradict each other, and the extended
+    # one does not
+    campaigns_agree: bool = False
     # probability that an effect named is none of those known, and what the model lacks without it
     doubt: tuple[float, Discrepancy] | None = None
 
@@ -456,7 +466,11 @@ class Verdict(Generic[S]):
     def _fitted_to(self) -> FittedTo | None:
         """Return what the model was fitted to, its grade as the effects leave it."""
         about = self.baseline.fitted_to
-        return about.confirmed() if about is not None and self.departures_are_confirmed else about
+        if about is None:
+            return None
+        return about.confirmed(
+            departures=self.departures_are_confirmed, campaigns=self.campaigns_agree
+        )
 
     def next_poses(self, count: int, random_seed: int = 0) -> Plan:
         """Return at most `count` poses to measure next, from a pool drawn with a seed."""

@@ -119,18 +119,36 @@ class FittedTo(Part):
         """Return the checksums of all readings that it rests on, those of its priors included."""
         return tuple(dict.fromkeys((*self.readings, *self.readings_of_prior)))
 
-    def confirmed(self) -> FittedTo:
-        """Return it with departures confirmed: if they alone are suspected, it is incomplete."""
-        suspected = self.grade == "suspect_input" and self.suspicions
-        if not suspected or not all(each.is_departure for each in suspected):
+    def confirmed(self, *, departures: bool = True, campaigns: bool = False) -> FittedTo:
+        """Return it with what effects confirm or explain; it is incomplete if that is all.
+
+        Args:
+            departures: whether held-out poses confirm departures with the effects.
+            campaigns: whether campaigns of a group do not contradict each other with them.
+        """
+        confirmed = [each for each in self.suspicions if departures and each.is_departure]
+        explained = [each for each in self.suspicions if campaigns and each.between_campaigns]
+        if self.grade != "suspect_input" or not self.suspicions:
             return self
-        first, *others = self.suspicions
-        more = f", and {len(others)} more" if others else ""
-        health = (
-            f"the calibrated model lacks the effects found; {first.where}: {first.what}{more}, as "
-            "held-out poses confirm with these effects"
-        )
+        if len(confirmed) + len(explained) < len(self.suspicions):
+            return self
+        health = "the calibrated model lacks the effects found"
+        if explained:
+            health = (
+                "the calibrated model lacks what the verdict has, with which the campaigns agree"
+            )
+        if confirmed:
+            first, *others = confirmed
+            more = f", and {len(others)} more" if others else ""
+            health += (
+                f"; {first.where}: {first.what}{more}, as held-out poses confirm with these effects"
+            )
         return self.model_copy(update={"grade": "incomplete", "health": health, "suspicions": ()})
+
+    def is_confirmed_as(self, other: FittedTo | None) -> bool:
+        """Return whether another is this with what it suspects confirmed or explained."""
+        ways = ((True, False), (False, True), (True, True))
+        return any(other == self.confirmed(departures=d, campaigns=c) for d, c in ways)
 
 
 @dataclass(frozen=True, eq=False)

@@ -77,13 +77,13 @@ def grade(results: ResultsBundle, case: CalibrationRecord) -> Iterator[PageBlock
     if health.grade not in UNRESERVED:
         extended, found = results.extended, health.findings
         suspect = health.grade == "suspect_input" and bool(found)
-        departs = suspect and all(each.is_departure for each in found)
-        confirmed = departs and extended is not None and extended.grade in UNRESERVED
+        may_be = suspect and all(each.is_departure or each.between_campaigns for each in found)
+        confirmed = may_be and extended is not None and extended.grade in UNRESERVED
         yield Callout(
             "warning",
             "A model of this grade is not to be used. "
             + (
-                "That with the effects found is: held-out poses confirm with it what is suspected."
+                "That with what the verdict has is: it confirms or explains what is suspected."
                 if confirmed
                 else "The commands refuse its model without --force: mend the input first."
             ),

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from pa10cal.reports.errors import better_general, headline
 from pa10cal.reports.results_bundle import OUTPUTS, ResultsBundle
-from pa10cal.results.calibration import CalibrationRecord, GeneralCalibrationRecord
-from pa10cal.results.discovery import NamedEffect, VerdictKeys, VerdictRecord
+from pa10cal.results.calibration import CalibrationRecord, GeneralCalibrationRecord, Grade
+from pa10cal.results.discovery import ExtendedRecord, NamedEffect, VerdictKeys, VerdictRecord
 from pa10cal.results.evaluation import HoldoutRecord
 from pa10cal.results.number_text import shown_probability
 from pa10cal.results.outcomes import ChainRecord
@@ -53,13 +53,14 @@ def summarise(results: Path, calibration: str = "combined") -> CampaignSummary:
     before, after = before_and_after
     prior = fitted.prior if isinstance(fitted, GeneralCalibrationRecord) else None
     about_fit = (None if prior is None else prior.line, better_general(bundle))
+    grade, line = _grade_as_exported(fitted, bundle.extended)
     outcome = ChainRecord(
         campaign=fitted.campaign,
         status="done",
         robot=fitted.robot,
         provenance=fitted.provenance,
-        grade=fitted.health.grade,
-        line=fitted.health.line,
+        grade=grade,
+        line=line,
         verdict=verdict.verdict,
         notes=(*filter(None, about_fit), *notes(verdict)),
         before_mm=before.accuracy.mean_mm,
@@ -70,6 +71,19 @@ def summarise(results: Path, calibration: str = "combined") -> CampaignSummary:
         return CampaignSummary(outcome)
     trusted = before.trusted.mean_mm, after.counted.mean_mm
     return CampaignSummary(outcome, trusted, after.with_flagged("mean_mm"))
+
+
+def _grade_as_exported(
+    fitted: CalibrationRecord, extended: ExtendedRecord | None
+) -> tuple[Grade, str]:
+    """Return grade and sentence: of the exported model, where what was found explains the other."""
+    health = fitted.health
+    about = {} if extended is None else extended.fitted_model.get("fitted_to") or {}
+    if extended is None or not extended.adds_parameters or health.grade != "suspect_input":
+        return health.grade, health.line
+    if not isinstance(about, Mapping) or about.get("grade") != "incomplete":
+        return health.grade, health.line
+    return "incomplete", str(about["health"])
 
 
 def notes(verdict: VerdictKeys) -> tuple[str, ...]:

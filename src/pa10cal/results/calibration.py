@@ -37,6 +37,9 @@ class InputFinding(record.Part):
     # number of the joint whose zero or sign is doubted, from 1; absent where that is of a single
     # campaign in a group
     joint: int | None = record.optional()
+    # true where campaigns of a group contradict each other: effects found may explain that; absent
+    # elsewhere
+    between_campaigns: bool | None = record.optional()
 
     @property
     def is_departure(self) -> bool:

@@ -201,7 +201,7 @@ def _exported_model(
             # The grade is that of the calibration to export, which may have these effects itself,
             # unless the effects confirm what was suspected of it.
             about = calibrated.fitted_to
-            if about is not None and model.fitted_to == about.confirmed():
+            if about is not None and about.is_confirmed_as(model.fitted_to):
                 about = model.fitted_to
             return replace(model, fitted_to=about), with_effects.warnings
     return calibrated, record.warnings

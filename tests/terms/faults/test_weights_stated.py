@@ -9,7 +9,13 @@ from made_up_poses import at_rest, context_of
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.statics import Payload, across, statics
 from pa10cal.files.arms import load_arm
-from pa10cal.terms.weights import GravityStated, LoadStated, ToolStated, fault_candidates
+from pa10cal.terms.weights import (
+    CampaignToolStated,
+    GravityStated,
+    LoadStated,
+    ToolStated,
+    fault_candidates,
+)
 
 ARM = load_arm("pa10_6ce")
 TOOL = Payload(2.4, np.array([0.0, 0, 0.19]), np.array([0, 0, 0.03]), np.array([0, 0, -9.80665]))
@@ -56,6 +62,20 @@ def test_a_tool_stated_wrongly_may_be_any_where_torques_were_calculated():
     assert logged.reported[0].plausible == pytest.approx(0.3 * 2.4)
     assert calculated.reported[0].plausible == pytest.approx(0.1 * ARM.mass_kg.sum())
     assert calculated.of_calculated
+
+
+def test_the_tool_of_one_campaign_is_carried_in_its_own_poses():
+    group = {"campaigns": ("june", "july", "august"), "campaign_tools_kg": (2.4, 0.0, 5.0)}
+    _, tool = of(CampaignToolStated, torques="masses", **group)
+    assert (tool.of, tool.tool_kg, tool.campaign) == ("tool@august", 5.0, 2)
+    (whole,) = of(ToolStated, torques="masses")[:1]
+    x, campaign = np.array([0.6, 0.0, 0.01, 0.0]), np.resize([0, 1, 2], len(LOADS_N))
+    torque_Nm = tool.torque_Nm(replace(found(), campaign=campaign), x)
+    expected_Nm = np.where((campaign == 2)[:, None], whole.torque_Nm(found(), x), 0.0)
+    np.testing.assert_allclose(torque_Nm, expected_Nm, atol=1e-12)
+    told = tool.fault_text(x, np.full(4, 0.01))
+    assert told.where.startswith("august: tool.mass_kg")
+    assert "weigh the tool of august" in told.remedy
 
 
 @pytest.mark.parametrize("torques", ["logged", "masses"])

@@ -12,15 +12,15 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from scipy.special import chdtrc
 
 from pa10cal.arm.statics import Payload
-from pa10cal.arrays import Array, Index
+from pa10cal.arrays import Array, Index, Mask
 from pa10cal.calibration.accuracy import targets_seen
-from pa10cal.calibration.general.fit import GeneralSolution, reach_of
+from pa10cal.calibration.general.fit import reach_of
 from pa10cal.calibration.rules import GROUPS, UNKNOWNS
 from pa10cal.fit.loads import statics_of
 from pa10cal.fit.problem import Problem
@@ -85,18 +85,46 @@ class _Difference(NamedTuple):
         )
 
 
+class FitOfGroup(Protocol):
+    """Where a fit of k unknowns to P poses of b components ended."""
+
+    @property
+    def x(self) -> Array:
+        """Return the unknowns, (k,)."""
+
+    @property
+    def at_bound(self) -> Mask:
+        """Return which unknowns are at the end of their range, (k,)."""
+
+    @property
+    def covariance(self) -> Array:
+        """Return the covariance of the unknowns, (k, k)."""
+
+    @property
+    def residual(self) -> Array:
+        """Return predicted less seen, (P, b)."""
+
+    @property
+    def weights(self) -> Array:
+        """Return the weights of the poses, (P,)."""
+
+    @property
+    def whitener(self) -> Array:
+        """Return what makes their errors independent, of unit variance, (P, b, b)."""
+
+
 @dataclass(frozen=True, eq=False)
 class _Group:
     """The fit of a group of campaigns, linear in steps of its f free unknowns, in reaches."""
 
     problem: Problem
-    fit: GeneralSolution
+    fit: FitOfGroup
     payload: Payload | None  # what the arm carries, where its weight makes the torques of springs
     free: Index  # (f,) which unknowns are not at a bound
     shared: list[int]  # (s,) which of these belong to the robot, and so to every campaign
 
     @classmethod
-    def of(cls, problem: Problem, fit: GeneralSolution, payload: Payload | None) -> _Group:
+    def of(cls, problem: Problem, fit: FitOfGroup, payload: Payload | None) -> _Group:
         free = np.flatnonzero(~fit.at_bound)
         base = {parameter.name for parameter in problem.model.terms[-1].parameters}
         names = [problem.parameters[k].name for k in free]
@@ -236,7 +264,7 @@ class _Group:
 
 
 def per_campaign_fits(
-    problem: Problem, fit: GeneralSolution, payload: Payload | None = None
+    problem: Problem, fit: FitOfGroup, payload: Payload | None = None
 ) -> records.GroupOfCampaigns | None:
     """Compare the campaigns of a group; None for a single campaign, or where nothing is shared.
 
@@ -381,9 +409,10 @@ def contradictions(
     if arm not in likely:
         what += f"; less likely {arm.words}"
     left = max(alone.chi_square - best.chi_square, 0.0)
+    remedy = "; or ".join(dict.fromkeys(cause.remedy for cause in likely))
     if _by_chance(left, alone.dof - 1.0) < GROUPS.chance_rate:
         what += "; more than that differs"
-    remedy = "; or ".join(dict.fromkeys(cause.remedy for cause in likely))
+        remedy += "; unless the verdict has effects that explain it"
     where, joint = arm.differs.name, zeros.get(arm.differs.name)
     kind = "campaigns" if joint is None else "joint_zero"
     if best.chi_square < GROUPS.mostly_share * alone.chi_square:
@@ -407,6 +436,7 @@ def contradictions(
             remedy=remedy,
             kind=kind,
             joint=joint,
+            between_campaigns=True,
         ),
     )
 

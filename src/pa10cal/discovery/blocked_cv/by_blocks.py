@@ -18,7 +18,7 @@ from pa10cal.arrays import Array, Index, drawn
 from pa10cal.discovery import jacobians
 from pa10cal.discovery.blocked_cv import judge
 from pa10cal.discovery.blocked_cv.bands import InBands
-from pa10cal.discovery.blocked_cv.by_campaign import by_campaign
+from pa10cal.discovery.blocked_cv.by_campaign import by_campaign, contradictions_left
 from pa10cal.discovery.blocked_cv.map_causes import NamedMap, causes_of, named_by_cause
 from pa10cal.discovery.blocked_cv.other_baselines import (
     survey_about,
@@ -52,7 +52,7 @@ from pa10cal.fit.problem import possible_sizes
 from pa10cal.fit.validity import AngleCoverage, angles_seen
 from pa10cal.observe.observations import Observations
 from pa10cal.results.analysis import LackOfFit
-from pa10cal.results.calibration import EffectByCampaign
+from pa10cal.results.calibration import EffectByCampaign, InputFinding
 from pa10cal.results.discovery import Needed, Remaining, SearchByBlocks
 from pa10cal.results.maps import JointWitness, PoseScatter
 from pa10cal.results.number_text import HALF_WIDTH_95
@@ -262,6 +262,10 @@ class ByBlocks(Scorer):
     @override
     def by_campaign(self) -> tuple[EffectByCampaign, ...] | None:
         return by_campaign(self.survey, self.extended) or None
+
+    @override
+    def contradictions(self) -> tuple[InputFinding, ...] | None:
+        return contradictions_left(self.survey, self.extended)
 
 
 class _FitRows:

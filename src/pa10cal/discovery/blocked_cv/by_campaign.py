@@ -16,15 +16,20 @@ import numpy as np
 from scipy.special import ndtr, stdtrit
 
 from pa10cal.arrays import Array, Index, Mask, rms
+from pa10cal.calibration.general.per_campaign import contradictions, per_campaign_fits
 from pa10cal.discovery.blocked_cv.refit import OneStep, Refit, one_step
 from pa10cal.discovery.blocked_cv.survey import Survey
+from pa10cal.discovery.model_with_effects import bounds_of_unknowns
 from pa10cal.discovery.rules import MAPS
 from pa10cal.discovery.tuning import COMPUTING
+from pa10cal.fit.problem import Problem
 from pa10cal.numerics.periodic_spline import b_splines, b_splines_by_knots
 from pa10cal.results import calibration as records
 from pa10cal.results.number_text import HALF_WIDTH_95
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import is_error_map
+from pa10cal.terms.term import yields
+from pa10cal.terms.weights import holds_weights
 
 #: Angles of a turn at which errors are compared [rad].
 ANGLES_RAD = np.linspace(0.0, 2.0 * np.pi, MAPS.angles_a_turn, endpoint=False)
@@ -56,6 +61,40 @@ def by_campaign(survey: Survey, found: Refit) -> tuple[records.EffectByCampaign,
         if len(rows):
             fits[name] = _FitAlone(one_step(survey, found, rows), survey.poses.states.q_rad[rows])
     return tuple(_effect_by_campaign(effect, found, fits) for effect in found.effects)
+
+
+class _FitFound(NamedTuple):
+    """The fit with the effects found, as campaigns are compared about it; see `FitOfGroup`."""
+
+    x: Array
+    at_bound: Mask
+    covariance: Array
+    residual: Array
+    weights: Array
+    whitener: Array
+
+
+def contradictions_left(survey: Survey, found: Refit) -> tuple[records.InputFinding, ...] | None:
+    """Return which campaigns contradict each other about a model with effects; None for no group.
+
+    A spring that is not linear, as an effect that the calibration lacks, makes campaigns with
+    different tools differ as if one of these were stated wrongly, or the arm had been changed.
+    """
+    at, poses = found.at, survey.poses
+    problem = Problem(at.model, np.arange(len(at.targets_m)), at.targets_m, at.T_instr_base, poses)
+    bounds = bounds_of_unknowns(survey.baseline, at.model, poses.measured)
+    at_end = (found.x <= bounds.lower) | (found.x >= bounds.upper)
+    fit = _FitFound(
+        x=found.x,
+        at_bound=at_end | (np.diag(found.covariance) <= 0.0),
+        covariance=found.covariance,
+        residual=survey.net_residual(at),
+        weights=found.weights.weight,
+        whitener=found.weights.whitener,
+    )
+    by_masses = any(map(holds_weights, at.model.terms)) and any(map(yields, at.model.terms))
+    group = per_campaign_fits(problem, fit, survey.setup.payload if by_masses else None)
+    return None if group is None else contradictions(group, at.model.joint_zeros)
 
 
 def _effect_by_campaign(
