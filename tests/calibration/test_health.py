@@ -560,3 +560,15 @@ def test_the_first_poses_of_the_d_optimal_order_tell_more_than_any_others():
     assert some.u_optimal_mm < some.u_measured_mm
     assert poses_needed(made, some.u_optimal_mm).needed == 5
     assert found.needed is None
+
+
+def test_a_model_that_predicts_worse_without_its_torque_log_is_incomplete():
+    found = health(ended(), errors(lost_without_log_mm=0.05))
+    assert found.grade == "incomplete"
+    assert "0.053 mm without the log, by the torques of the weights" in found.line
+    check = by_check(ended(), errors(lost_without_log_mm=0.05))
+    assert check["poses are predicted without the torque log as with it"].passes is False
+    assert health(ended(), errors(lost_without_log_mm=0.005)).grade == "good"
+    assert (
+        health(ended(), errors()).checks == health(ended(), errors(lost_without_log_mm=0.0)).checks
+    )

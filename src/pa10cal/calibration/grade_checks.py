@@ -31,6 +31,8 @@ def grade_checks(evidence: GradeEvidence, findings: Sequence[InputFinding]) -> I
     yield _of_determination(evidence)
     yield _of_noise(evidence)
     yield _of_held_out(evidence)
+    if evidence.lost_without_log_mm:
+        yield _of_torques(evidence)
     for scatter in evidence.repeats:
         yield _of_repeats(evidence, scatter)
     yield _of_predictions(evidence)
@@ -88,6 +90,16 @@ def _of_held_out(evidence: GradeEvidence) -> GradeCheck:
         f"{error}, {ratio:.2f} times what is promised",
         f"{evidence.most_over_promised:.2f} times",
         passes=ratio <= evidence.most_over_promised,
+    )
+
+
+def _of_torques(evidence: GradeEvidence) -> GradeCheck:
+    """Return whether the torques of the weights, by which models predict, do as the log does."""
+    return _check(
+        "poses are predicted without the torque log as with it",
+        f"{evidence.without_log_mm:.3f} mm by the torques of the weights, {evidence.error_mm:.3f} "
+        "mm by the log",
+        passes=not evidence.loses_without_log,
     )
 
 

@@ -48,6 +48,8 @@ class GradeEvidence:
     # error by the places of the targets on an apparatus, common to all poses, that the fit leaves
     apparatus_mm: float = 0.0
     discrepancy_mm: float = 0.0  # rms of what the model lacks, in the poses fitted
+    # rms error of predictions, by torques of the weights, beyond that with logged torques
+    lost_without_log_mm: float = 0.0
     joints_mm: float = 0.0  # rms by which stated uncertainties of joint positions put these off
     # scatter of repeats and stated uncertainty, by kind of component
     repeats: tuple[records.RepeatScatter, ...] = ()
@@ -280,6 +282,17 @@ class GradeEvidence:
             return limit
         of_targets_mm = GRADES.apparatus_ratio * self.apparatus_mm
         return limit * float(np.hypot(reading_mm, of_targets_mm)) / own_mm
+
+    @property
+    def without_log_mm(self) -> float:
+        """Return the error of predictions, which have no torque log, at the poses fitted."""
+        return float(np.hypot(self.error_mm, self.lost_without_log_mm))
+
+    @property
+    def loses_without_log(self) -> bool:
+        """Return whether predictions lose more without the log than chance and noise explain."""
+        least_mm = max(self.error_mm, self.noise_with_apparatus_mm or 0.0)
+        return self.without_log_mm > self.most_over_noise * least_mm
 
     @property
     def over_promised(self) -> float | None:

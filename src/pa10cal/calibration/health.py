@@ -247,6 +247,12 @@ def _lacking(evidence: GradeEvidence) -> str:
             f"{ratio:.2g} times the error that the fit promises for held-out poses: they differ "
             "from the poses fitted, or the model is missing an effect"
         )
+    if evidence.loses_without_log:
+        parts.append(
+            f"{evidence.without_log_mm:.3f} mm without the log, by the torques of the weights as "
+            "predictions have them: logged torques have a gain, or are not those of weights, tool "
+            "and loads as stated; u_mm of predictions holds it"
+        )
     rigid_mm = evidence.without_springs_mm
     # Such an error would be graded as that of another robot, if springs did not explain so much.
     if parts and evidence.misfits_arm and evidence.springs_explain_most and rigid_mm is not None:

@@ -186,7 +186,11 @@ def _without_harmful(found: Verdict[S]) -> Verdict[S]:
         name = max(worse, key=lambda name: _ratio(worse[name]))
         harm = worse[name]
         rms_mm = f"{harm.before.rms_mm:.4f} mm rms for {harm.after.rms_mm:.4f} mm"
-        found = without_names(found, {name: f"held-out poses do better without it, {rms_mm}"})
+        log = ", under torques of the log, which predictions do not have"
+        why = (
+            f"held-out poses do better without it{log * (name.effect.error_of == 'log')}, {rms_mm}"
+        )
+        found = without_names(found, {name: why})
     return found
 
 

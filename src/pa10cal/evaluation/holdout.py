@@ -316,4 +316,11 @@ def summary(record: results.HoldoutRecord, *, springs: bool) -> str:
         count = max(part.configurations for part in part_by_name.values())
         start = f"{place} ({count})" if place else f"({count})"
         clauses.append(f"{start}: mean/peak {errors}")
+    *_, last = record.models
+    by_weights = record.models[last].by_weights
+    if by_weights is not None:
+        clauses.append(
+            f"without the log, by the torques of the weights as predictions have them: "
+            f"{names[last] or last} {results.mean_and_peak(by_weights, None)}"
+        )
     return f"held out {'; '.join(clauses)}"

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from pa10cal.arrays import Array, Mask
 from pa10cal.calibration.accuracy import summarise, summarise_by_load
 from pa10cal.discovery.preparation import MeasurementSetup, complete
+from pa10cal.fit.by_weights import is_fitted_to_log, under_weights
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import with_torques
 from pa10cal.observe.observations import Observations, average_repeats, measured_as_poses
@@ -70,6 +71,10 @@ def held_out_errors(
             trusted = accuracy(rows & ~suspected)
         return results.PartAccuracy(**dict(summarise(deviations, rows)), trusted=trusted)
 
+    by_weights = None
+    if is_fitted_to_log(model):
+        whole, weighed = under_weights(model, held_out)
+        by_weights = summarise(whole.deviations(weighed))
     return results.HeldOutModel(
         **dict(summarise(deviations)),
         per_load=summarise_by_load(deviations, held_out.states.load_N),
@@ -83,6 +88,7 @@ def held_out_errors(
         trusted=accuracy(None if suspected is None else ~suspected),
         unseen=part_accuracy(None if places is None else places.unseen),
         between=part_accuracy(None if places is None else places.between),
+        by_weights=by_weights,
         rows=results.HeldOutRows(
             pose=held_out.pose,
             load_N=held_out.states.load_N,

@@ -7,7 +7,8 @@ random, clusters of neighbours, and stretches of time. The squares of their erro
 noise and parameters, are estimated as a function of the distance to the nearest fitted pose.
 Components count by how certainly noise lets their squares be known, since those of the noisiest
 would hide all others. Readings beyond the tails of the others count less, the farther they are: a
-gross error is no property of the model.
+gross error is no property of the model. Where torques were logged, what predictions lose without
+the log is added (`fit.by_weights`).
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from scipy.spatial import cKDTree
 from pa10cal.arm.chain import BASE, end_pose_with_screws
 from pa10cal.arm.statics import Payload, PoseStates
 from pa10cal.arrays import Array, Index, Mask
+from pa10cal.fit.by_weights import lost_without_log_mm
 from pa10cal.fit.fitted import Fitted
 from pa10cal.fit.logged_torques import torque_scatter_Nm
 from pa10cal.fit.problem import GaussianPrior, Problem, Rows, possible_sizes
@@ -82,6 +84,7 @@ def discrepancy_of(
     groups = min(LACK.groups, count // LACK.least_in_group)
     if groups < 2:
         return None
+    lost_mm = lost_without_log_mm(model, poses, *([kept_apart] if kept_apart else []))
     rows = RowsAboutFit.of(model, poses, expected=expected)
     rows = rows.with_repeatability(of_repeats_mm, poses.readings)
     lever_m = levers_m(model.model, model.x, poses.states)
@@ -110,14 +113,14 @@ def discrepancy_of(
         repeatability_mm=of_repeats_mm,
     )
     if kept_apart is None or not len(kept_apart):
-        return found
+        return replace(found, error_mm=np.sqrt(mean_mm2 + lost_mm**2))
     apart = RowsAboutFit.of(model, kept_apart)
     apart = apart.with_repeatability(of_repeats_mm, kept_apart.readings).with_noise_by(
         rows.of_noise
     )
     of_mean = replace(found, repeatability_mm=0.0)  # readings are averaged
     more_mm2 = _beyond_promised_mm2(model, of_mean, apart, kept_apart.states.q_rad)
-    return replace(found, error_mm=np.sqrt(mean_mm2 + more_mm2))
+    return replace(found, error_mm=np.sqrt(mean_mm2 + more_mm2 + lost_mm**2))
 
 
 class _HeldOut(NamedTuple):

@@ -289,6 +289,8 @@ def _differences_by_log(torques: LoggedTorques, sizes: Array) -> WeighedByLog:
     assert arm.mass_kg is not None
     stated_kg = np.append(arm.mass_kg, payload.mass_kg if payload.known else 0.0)
     freed, text, most_errors = sizes, "", MASSES.differs_errors
+    # One mass is found for all campaigns of a group, whose tools are as stated of each.
+    source = "what is stated of each campaign" if payload.of_campaigns else "the log"
     for k in np.flatnonzero(stated_kg > 0.0):
         mass = 4 * k
         widened = sizes.copy()
@@ -302,7 +304,7 @@ def _differences_by_log(torques: LoggedTorques, sizes: Array) -> WeighedByLog:
             log_kg = with_half_width_95(float(stated_kg[k] + fit.amounts[mass]), std_kg)
             text = (
                 f"{part} is stated with {plain_number(stated_kg[k])} kg, and logged torques "
-                f"have it at {log_kg} kg: predictions go by the log"
+                f"have it at {log_kg} kg: predictions go by {source}"
             )
             freed, most_errors = widened, errors
     errors_shown = torques.errors_shown(freed)

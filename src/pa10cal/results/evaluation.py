@@ -142,6 +142,9 @@ class HeldOutModel(PartAccuracy):
     unseen: PartAccuracy | None = record.optional()
     # errors beside poses of the fit, nearer than 3 % of the spread; not given where none is
     between: PartAccuracy | None = record.optional()
+    # errors with the torques of the weights, as predictions have them; not given where the model
+    # was not fitted to logged torques
+    by_weights: Accuracy | None = record.optional()
     rows: HeldOutRows  # every held-out configuration
 
     @property

@@ -23,6 +23,7 @@ from pa10cal.calibration.health import RIGID, health
 from pa10cal.calibration.load_case import LoadCase, base_parameters, case_keys, fit_keys
 from pa10cal.calibration.rules import GRADES, GROUPS, RECORDS
 from pa10cal.errors import CalibrationError
+from pa10cal.fit.by_weights import lost_without_log_mm
 from pa10cal.fit.discrepancy import (
     by_torque_noise_mm,
     by_uncertain_joints_mm,
@@ -171,8 +172,8 @@ class _FittedCase:
         geometry = full if case.prior is None else nominal
         if case.prior is None and full.springs:
             geometry = calibrate_general(arm, used, start, payload, rigid)
-        model = with_discrepancy(full, _single_readings(case, every))
-        model = weighed_model(model, full.problem.observations)
+        weighed = weighed_model(fitted(full), full.problem.observations)
+        model = with_discrepancy(full, _single_readings(case, every), weighed)
         grid = _with_model_torques(model, grid, payload)
         found = cls(case, every, start, used, full, geometry, nominal, model, grid, rows)
         spread_mm = used.measured.spread_mm
@@ -274,6 +275,7 @@ class _FittedCase:
             # Repeats hold the noise of torques already.
             noise_mm=self.noise_mm if repeats else float(np.hypot(self.noise_mm, self.torques_mm)),
             discrepancy_mm=lacking_mm(model.discrepancy, used.states.q_rad),
+            lost_without_log_mm=lost_without_log_mm(model, self.grid.take(self.rows)),
             joints_mm=by_uncertain_joints_mm(model.model, model.x, self.grid.take(self.rows)),
             spread_mm=used.measured.spread_mm,
             suspected_outliers=len(self.outliers),
@@ -505,15 +507,18 @@ def _of_model_and_frames(general: GeneralCalibration, covariance: Array) -> Arra
 
 
 def with_discrepancy(
-    general: GeneralCalibration, readings: Observations | None = None
+    general: GeneralCalibration,
+    readings: Observations | None = None,
+    model: FittedModel | None = None,
 ) -> FittedModel:
     """Return the fitted model with what it lacks.
 
     Args:
         readings: single readings of its poses, by which the repeatability of the arm is found; None
             where it is not to be.
+        model: the fitted model with weights by the log; None for it as it was fitted.
     """
-    model = fitted(general)
+    model = model or fitted(general)
     poses, expected = general.problem.observations, general.fit.span.expected
     single = None if readings is None else model.as_modelled(readings)
     return replace(model, discrepancy=discrepancy_of(model, poses, expected, readings=single))
