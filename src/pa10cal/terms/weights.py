@@ -372,7 +372,7 @@ class CampaignToolStated(ToolStated):
 
     campaign: int = 0  # number of the campaign in the group, from 0
     id = "campaign_tool_stated"
-    nouns = ("tool of a campaign as stated", "tools of campaigns as stated")
+    nouns = ("tool as stated", "tools as stated")
     clauses = ("the tool of a campaign is not what is stated",)
 
     @classmethod

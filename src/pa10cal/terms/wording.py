@@ -15,6 +15,7 @@ from pa10cal.results.record import EffectName
 from pa10cal.terms.effects.effect import Effect, every_effect
 from pa10cal.terms.field import Field
 from pa10cal.terms.weights import FAULTS
+from pa10cal.terms.wrapped import OF
 
 _JOINT = "joint "
 #: Alternatives at other places that a sentence lists; of more it gives their number.
@@ -231,7 +232,10 @@ def _likeliest_names(here: list[_Candidate], elsewhere: list[_Candidate]) -> str
 def place_in_words(of: str) -> str:
     """Return a place within a sentence: `joint 2`, `target A`, `the forearm`."""
     known = of.startswith((_JOINT, "target ", "the "))
-    return of if known else f"the {of.replace('_', ' ')}"
+    place, _, campaign = of.partition(OF)
+    if known or not campaign:
+        return of if known else f"the {of.replace('_', ' ')}"
+    return f"the {place} of {campaign}"
 
 
 def _place_of_group(group: list[ExplainedEffect]) -> str:

@@ -14,9 +14,11 @@ from pa10cal.calibration.general.per_campaign import contradictions, per_campaig
 from pa10cal.discovery.blocked_cv.by_campaign import contradictions_left
 from pa10cal.discovery.blocked_cv.refit import refit
 from pa10cal.discovery.blocked_cv.survey import Survey
+from pa10cal.discovery.discover import discover
 from pa10cal.discovery.pose_scatter import unweighted
 from pa10cal.discovery.preparation import MeasurementSetup, prepared
 from pa10cal.files.arms import load_arm
+from pa10cal.fit.fitted import FittedTo
 from pa10cal.observe.joined import GroupCampaign, join
 from pa10cal.terms.effects.joint import SoftWindup
 from pa10cal.terms.weights import CampaignToolStated
@@ -50,13 +52,18 @@ def measured(see, carried_kg, campaign, deflected_rad, moved_rad=0.0):
     return GroupCampaign(f"of-{campaign}", every, find_start(ARM, every))
 
 
-def compared(members, stated_kg, effects):
-    """Return the contradictions of a calibration, and those left with effects fitted as well."""
-    every = join(members)
+def calibrated(every, stated_kg):
+    """Return a calibration, its contradictions, and what is known of the campaigns besides."""
     payload = replace(tool(stated_kg[0]), of_campaigns=tuple(map(tool, stated_kg)))
     found = general(ARM, every, payload)
     told = contradictions(per_campaign_fits(found.problem, found.fit, payload), {})
-    setup = MeasurementSetup(payload, np.zeros((0, 3)), 20.0)
+    return found, told, MeasurementSetup(payload, np.zeros((0, 3)), 20.0)
+
+
+def compared(members, stated_kg, effects):
+    """Return the contradictions of a calibration, and those left with effects fitted as well."""
+    every = join(members)
+    found, told, setup = calibrated(every, stated_kg)
     survey = Survey.of(prepared(every, fitted(found), setup))
     weights = unweighted(survey.poses.measured)
     starts = tuple(effect.starts[0] for effect in effects)
@@ -92,3 +99,25 @@ def test_the_tool_of_one_campaign_explains_that_it_differs(see):
     told, left = compared(members, stated_kg, (effect,))
     assert [each.kind for each in told] == ["payload"]
     assert left == ()
+
+
+@pytest.mark.slow
+def test_a_tool_stated_wrongly_is_told_once_and_the_model_has_it(see):
+    members = [
+        measured(see, kg, k, lambda tau_Nm: 3e-6 * tau_Nm) for k, kg in enumerate(CARRIED_KG)
+    ]
+    every = join(members)
+    found, told, setup = calibrated(every, (CARRIED_KG[0], 6.0))
+    about = FittedTo(
+        campaign="both", provenance="", calibration="combined", instrument="points",
+        poses=len(every), temperature_C=None, time_s=(0.0, 1.0), grade="suspect_input",
+        health="check the input", suspicions=told,
+    )  # fmt: skip
+    verdict = discover(every, replace(fitted(found), fitted_to=about), setup)
+    (fault,) = verdict.faults
+    assert fault.where.startswith("of-1: ")
+    assert verdict.campaigns_agree
+    assert verdict.model.fitted_to.grade == "incomplete"
+    (tool_found,) = verdict.findings
+    mass_kg, std_kg = tool_found.x[0], np.sqrt(tool_found.covariance[0, 0])
+    assert abs(mass_kg - 3.0) < 3.0 * std_kg < 3.0

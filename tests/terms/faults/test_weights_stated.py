@@ -16,6 +16,7 @@ from pa10cal.terms.weights import (
     ToolStated,
     fault_candidates,
 )
+from pa10cal.terms.wording import place_in_words
 
 ARM = load_arm("pa10_6ce")
 TOOL = Payload(2.4, np.array([0.0, 0, 0.19]), np.array([0, 0, 0.03]), np.array([0, 0, -9.80665]))
@@ -120,3 +121,8 @@ def test_a_load_is_told_as_it_seems_to_be():
 )
 def test_what_nothing_could_show_is_not_sought(kind, changes):
     assert of(kind, **changes) == []
+
+
+def test_the_tool_of_a_campaign_is_told_with_its_campaign():
+    assert place_in_words("tool@wrist_a") == "the tool of wrist_a"
+    assert place_in_words("tool") == "the tool"
