@@ -45,6 +45,7 @@ from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.model_reading import models_of
 from pa10cal.fit.model_writing import model_to_plain
 from pa10cal.fit.problem import Solution, identify, not_identifiable
+from pa10cal.fit.weighed_arm import weighed_model
 from pa10cal.observe.instrument import target_coordinates
 from pa10cal.observe.observations import Observations, average_repeats, reading_groups
 from pa10cal.observe.paths import HeldOutPlaces
@@ -340,6 +341,8 @@ def _graded(campaign: Prepared, fit: _Fit, grading: Grading) -> EffectCalibratio
     fitted, apparatus_m = fit.extended.fitted(fit.covariance), campaign.setup.apparatus_m
     model = with_targets_off(fitted, fit.targets_off_m, apparatus_m, fit.poses)
     readings = campaign.readings
+    # Predictions have the weights that the log shows about the postures of this very model.
+    model = weighed_model(model, readings)
     poses = complete(average_repeats(readings), campaign.baseline, campaign.setup, model)
     labels = zip(poses.pose.tolist(), poses.states.load_N.tolist(), strict=True)
     flagged = np.array([label in grading.suspected for label in labels])

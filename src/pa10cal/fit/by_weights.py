@@ -57,6 +57,8 @@ def under_weights(model: F, poses: Observations) -> tuple[F, Observations]:
 
 def further_off_mm2(model: Fitted, poses: Observations) -> Array:
     """Return by how much squared errors are larger as a model predicts than with the log, (P,)."""
+    # An apparatus is as stated in both: what a fit makes of it stands for a constant of the log.
+    model = replace(model, targets_off_m=np.zeros(0))
     by_log_mm = model.deviations(poses).distance_mm
     whole, weighed = under_weights(model, poses)
     return np.asarray(whole.deviations(weighed).distance_mm ** 2 - by_log_mm**2)
@@ -69,13 +71,21 @@ def lost_without_log_mm(model: Fitted, *poses: Observations) -> float:
     of a fit and not predictions, so that these may be better.
 
     Args:
-        poses: averaged poses, as modelled: those fitted, and those held out.
+        poses: averaged poses, as modelled, in sets, such as those fitted and those held out: the
+            largest of the sets counts.
     """
     if not is_fitted_to_log(model):
         return 0.0
-    more_mm2 = np.concatenate([further_off_mm2(model, each) for each in poses])
+    return max((_lost_mm(model, each) for each in poses if len(each)), default=0.0)
+
+
+def _lost_mm(model: Fitted, poses: Observations) -> float:
+    more_mm2 = further_off_mm2(model, poses)
     if not np.isfinite(more_mm2).all():
         return 0.0
-    if more_mm2.sum() <= LACK.surely * standard_error_of_sum(more_mm2):
+    # Loads at one pose go with each other: they count as one.
+    pose = np.unique(poses.pose, return_inverse=True)[1]
+    of_poses_mm2 = np.bincount(pose, more_mm2).astype(float)
+    if of_poses_mm2.sum() <= LACK.surely * standard_error_of_sum(of_poses_mm2):
         return 0.0
     return float(np.sqrt(more_mm2.mean()))
