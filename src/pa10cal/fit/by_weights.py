@@ -59,6 +59,8 @@ def further_off_mm2(model: Fitted, poses: Observations) -> Array:
     """Return by how much squared errors are larger as a model predicts than with the log, (P,)."""
     # An apparatus is as stated in both: what a fit makes of it stands for a constant of the log.
     model = replace(model, targets_off_m=np.zeros(0))
+    if not np.array_equal(model.T_end_shown, np.eye(4)):
+        poses = replace(poses, measured=poses.measured.of_end(model.T_end_shown))
     by_log_mm = model.deviations(poses).distance_mm
     whole, weighed = under_weights(model, poses)
     return np.asarray(whole.deviations(weighed).distance_mm ** 2 - by_log_mm**2)
