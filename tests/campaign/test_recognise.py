@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from pa10cal.campaign.recognise import attitude_of, numbered_sets, polar_columns, roles_of
+from pa10cal.campaign.numbered_columns import numbered_sets
+from pa10cal.campaign.recognise import attitude_of, polar_columns, roles_of
 
 J = [f"J{k}" for k in range(1, 7)]
 XYZ = ["x", "y", "z"]
@@ -87,3 +88,38 @@ def test_a_horizontal_distance_is_no_angle_and_no_slope_distance():
     assert polar_columns(["horizontal distance", *own[::-1]]) == tuple(own)
     assert polar_columns(["horizontal distance", *own[:2]]) is None
     assert polar_columns(["Hz (r)", "V (r)", "s"]) == ("Hz (r)", "V (r)", "s")
+
+
+@pytest.mark.parametrize("difference", [("ΔX", "ΔY", "ΔZ"), ("∆X", "∆Y", "∆Z"), ("dX", "dY", "dZ")])
+@pytest.mark.parametrize("places", [("X", "Y", "Z"), ("Actual X", "Actual Y", "Actual Z")])
+def test_differences_are_no_place_whatever_stands_first(difference, places):
+    joints = [f"J{k}" for k in range(1, 7)]
+    positions = roles_of([*joints, *difference, *places], 6).positions
+    assert list(positions.values()) == [places]
+
+
+def test_a_target_d_is_a_place_beside_others():
+    targets = [tuple(f"{target}{axis}" for axis in "XYZ") for target in "abcd"]
+    found = roles_of([name for triple in targets for name in triple], 6).positions
+    assert list(found.values()) == targets
+
+
+@pytest.mark.parametrize("first", ["#", "No", "°"])
+@pytest.mark.parametrize("name", ["uncertainty [mm]", "U95 [mm]"])
+def test_an_uncertainty_of_the_target_is_not_that_of_a_column_without_words(first, name):
+    joints = [f"J{k}" for k in range(1, 7)]
+    uncertain = roles_of([first, *joints, "x", "y", "z", name], 6).uncertain
+    assert uncertain == dict.fromkeys("xyz", name)
+
+
+@pytest.mark.parametrize(
+    ("of", "name"),
+    [
+        (["Laser distance [mm]"], "Distance uncertainty [mm]"),
+        (["BallX", "BallY", "BallZ"], "Ball uncertainty [mm]"),
+        (["Ball X", "Ball Y", "Ball Z"], "Ball uncertainty [mm]"),
+    ],
+)
+def test_an_uncertainty_belongs_to_what_its_words_say(of, name):
+    joints = [f"J{k}" for k in range(1, 7)]
+    assert roles_of([*joints, *of, name], 6).uncertain == dict.fromkeys(of, name)

@@ -39,6 +39,7 @@ _LONE_LETTER = re.compile(r"[\s_/,;:-][A-Za-z]$")
 _GREEK = {
     **{"α": "alpha", "β": "beta", "γ": "gamma", "θ": "theta", "φ": "phi", "ϕ": "phi"},
     **{"ψ": "psi", "σ": "sigma", "ω": "omega", "τ": "tau"},
+    **dict.fromkeys("δ∆", "delta "),  # a word of its own: ΔX is a difference of x
 }
 #: Kinds of words that a number may follow without a sign, as in tau1.
 _NUMBERED_KINDS = ("torque", "no position", "deviation")

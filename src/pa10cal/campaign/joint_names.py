@@ -12,7 +12,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 from pa10cal.campaign.column_names import WORDS, has_word, plain, split_unit, words_of_name
-from pa10cal.campaign.recognise import numbered_joints, numbered_sets, positions_of
+from pa10cal.campaign.numbered_columns import numbered_joints, numbered_sets
+from pa10cal.campaign.recognise import positions_of
 
 _LIMB = WORDS["limb"]
 #: Order of words of a limb from base to hand, and of words of motions within a segment.

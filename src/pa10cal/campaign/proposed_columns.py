@@ -40,9 +40,10 @@ from pa10cal.campaign.joint_positions import (
     looks_like_counts,
     scale_of_counts,
 )
+from pa10cal.campaign.numbered_columns import beyond
 from pa10cal.campaign.own_columns import RotationColumns
 from pa10cal.campaign.raw_file import quaternions
-from pa10cal.campaign.recognise import Roles, beyond, from_horizon, standing
+from pa10cal.campaign.recognise import Roles, from_horizon, standing
 from pa10cal.campaign.row_targets import (
     target_column,
     target_columns_not_used,

@@ -28,6 +28,7 @@ from pa10cal.campaign.column_names import (
     without_coverage,
     words_of_name,
 )
+from pa10cal.campaign.numbered_columns import NO_JOINT, numbered_joints, series_of
 
 _ORIENTATIONS = [(tuple(endings.split()), word) for endings, word in WORDS["orientations"]]
 #: Words directly before or after x, y, z, as in `tcpx`.
@@ -38,16 +39,11 @@ _AXIS = re.compile(rf"(?:{_BEFORE_AXIS})?([xyz])(?:{_AFTER_AXIS})?")
 _NUMBERED_AXIS = re.compile(r"^([xyz])(\d+)$", re.IGNORECASE)
 #: A word of two letters and more with a number, as in rx1.
 _NUMBERED_WORD = re.compile(r"^([a-z]{2,})(\d+)$")
-#: Numbered columns beyond the arm's joints, at most, as of a gripper.
-MOST_BEYOND = 2
 #: Targets that move by less than this part of the largest motion are at rest.
 _STILL = 0.02
-#: A short unit in brackets that is none we know, as in J1 [A].
-_OTHER_UNIT = re.compile(r"[\[(]\s*[a-z%]{1,2}\s*[\])]$")
 #: An uncertainty and its column in one word, as in sx and stdq1.
 _RUN_ON = re.compile(r"(?:s|u|std|sigma)([xyz]|q\d)")
-#: Kinds of words of columns that hold no position of a joint, and no position of a target.
-_NO_JOINT = ("no position", "extreme")
+#: Kinds of words of columns that hold no position of a target.
 _NO_PLACE = ("no position", "extreme", "torque", "force")
 #: Other words before the seconds of a stamp.
 _OF_STAMPS = ("header", "tv")
@@ -108,24 +104,33 @@ def roles_of(
         named_joints: columns of joint positions in order, where they are known by joints' names.
     """
     u = _uncertainties(names)
-    free = _measured(names, (*u.of_column.values(), *u.of_target.values(), *text, *named_joints))
-    attitude = attitude_of(_without(free, "no position", "extreme"))
-    free = _others(free, attitude[0] if attitude else ())
-    positions = _positions_beside(attitude, free)
-    free = _others(free, *positions.values())
-    no_torques = _without(free, "torque")
-    turns = named_joints or numbered_joints(_without(no_torques, *_NO_JOINT), joints)
-    torques = numbered_joints(_others(free, no_torques), joints or len(turns) or None)
+    measured = _measured(
+        names, (*u.of_column.values(), *u.of_target.values(), *text, *named_joints)
+    )
+    attitude = attitude_of(_without(measured, "no position", "extreme"))
+    no_attitude = _others(measured, attitude[0] if attitude else ())
+    positions = _positions_beside(attitude, no_attitude)
+    numbered = _others(no_attitude, *positions.values())  # or single
+    no_torques = _without(numbered, "torque")
+    may_turn = _without(no_torques, *NO_JOINT)
+    turns = named_joints or numbered_joints(may_turn, joints)
+    torques = numbered_joints(_others(numbered, no_torques), joints or len(turns) or None)
     if not turns and joints == 4 and attitude is not None and attitude[1].startswith("quaternion"):
         # q0 … q3 were taken for a quaternion, but no other columns are the joints of this arm.
-        turns = numbered_joints([*_without(no_torques, *_NO_JOINT), *attitude[0]], joints)
+        turns = numbered_joints([*may_turn, *attitude[0]], joints)
         attitude = None if turns else attitude
-    free = [name for name in names if name in (*no_torques, *text) and name not in turns]
-    while (other := attitude_of(_others(free, tuple(text)))) is not None:
-        free = _others(free, other[0])  # T_base_tool_qx is no time
-    single, times = _single_columns_and_times(free, text)
+    left = [name for name in names if name in (*no_torques, *text) and name not in turns]
+    single, times = _single_columns_and_times(_without_orientations(left, text), text)
     uncertain = _with_uncertain_targets(u, positions, single.get("distance"))
     return Roles(turns, torques, positions, attitude, uncertain, single, times)
+
+
+def _without_orientations(names: Sequence[str], text: Collection[str]) -> list[str]:
+    """Return the names but those of orientations besides the first: the t of t_qx is no time."""
+    left = list(names)
+    while (other := attitude_of(_others(left, tuple(text)))) is not None:
+        left = _others(left, other[0])
+    return left
 
 
 def _without(names: Sequence[str], *kinds: str) -> list[str]:
@@ -167,8 +172,10 @@ def _with_uncertain_targets(
         of_target = u.of_target.get("".join(words_of_name(label)), u.of_target.get(""))
         if of_target is not None and not any(name in uncertain for name in triple):
             uncertain |= dict.fromkeys(triple, of_target)
-    if distance is not None and "" in u.of_target:
-        uncertain.setdefault(distance, u.of_target[""])
+    if distance is not None:
+        called = (*words_of_name(distance), "")  # by one word of its name, or of all targets
+        for of_target in (u.of_target[word] for word in called if word in u.of_target):
+            uncertain.setdefault(distance, of_target)
     return uncertain
 
 
@@ -199,7 +206,7 @@ def positions_of(names: Sequence[str]) -> dict[str, tuple[str, ...]]:
 
 def _numbered_vectors(names: Sequence[str], words: Collection[str]) -> Iterator[tuple[str, ...]]:
     """Yield three columns that are numbered from 0 or 1 behind one of these words, as in tvec0."""
-    for before, after, by_number in _series(names):
+    for before, after, by_number in series_of(names):
         numbers = sorted(by_number)
         called = not words_of_name(after) and not {*words_of_name(before)[-1:]}.isdisjoint(words)
         if called and numbers in ([0, 1, 2], [1, 2, 3]):
@@ -217,6 +224,13 @@ def _triples(names: Sequence[str], *, numbered: bool = False) -> dict[str, tuple
             if not no_position:
                 label = _unused_label(_around_axis(axes["x"]), positions)
                 positions[label] = tuple(axes.values())
+    # dX, dY, dZ beside another place are differences, except of a target D that comes after C.
+    if len(positions) > 1 and "c" not in map(str.lower, positions):
+        positions = {
+            label: triple
+            for label, triple in positions.items()
+            if words_of_name(triple[0]) != ("d", "x") or triple[0][:2].casefold() != "dx"
+        }
     return positions
 
 
@@ -270,127 +284,6 @@ def _measured_first(names: Sequence[str]) -> tuple[list[str], list[str]]:
     """Return the columns of measured, then those of commanded quantities."""
     commanded = [name for name in names if has_word(words_of_name(name), "commanded")]
     return [name for name in names if name not in commanded], commanded
-
-
-class _Likeness(NamedTuple):
-    """How well a series of columns suits the joints; what comes first decides first."""
-
-    as_many: bool = False  # as the arm has joints, or their number is not known
-    few_more: bool = False  # called joints, and not many more than the arm has
-    measured: bool = False  # and not commanded
-    called_joints: bool = False
-    may_be_positions: bool = False  # by their unit
-    length: int = 0
-
-
-def numbered_joints(names: Sequence[str], joints: int | None) -> tuple[str, ...]:
-    """Return columns of joints: numbered ones from 1 (or 0), or ones that are called joints.
-
-    Of a few more columns than joints the first are taken: a gripper or an outer axis follows. Of
-    several series that suit alike, the first in the file counts.
-    """
-    best, numbered = _Likeness(), tuple[str, ...]()
-    for series in _series(names):
-        run = series.run
-        suits = _Likeness(
-            as_many=joints is None or len(run) == joints,
-            few_more=joints is not None
-            and series.called_joints
-            and 0 <= len(run) - joints <= MOST_BEYOND,
-            measured=not has_word(series.words, "commanded"),
-            called_joints=series.called_joints,
-            may_be_positions=not _OTHER_UNIT.search(series.after),
-            length=len(run),
-        )
-        may_be_joints = series.called_joints or (bool(series.words) and joints is not None)
-        if may_be_joints and suits > best:
-            best, numbered = suits, tuple(run[:joints] if suits.few_more else run)
-    called = tuple(name for name in names if has_word(words_of_name(name), "called joint"))
-    more_called = len(called) > len(numbered) or not best.as_many
-    if called and more_called and (joints is None or len(called) == joints):
-        return called if len(called) >= 2 else ()
-    return numbered if len(numbered) >= 2 and (best.as_many or best.few_more) else ()
-
-
-class _Series(NamedTuple):
-    """Columns whose names differ only by a number."""
-
-    before: str  # the text before the number, and that after it without the unit
-    after: str
-    by_number: dict[int, str]
-
-    @property
-    def run(self) -> list[str]:
-        """Return the columns from the number 1 (or 0) on, up to the first that is missing."""
-        numbers = itertools.count(0 if 0 in self.by_number else 1)
-        there = itertools.takewhile(self.by_number.__contains__, numbers)
-        return [self.by_number[k] for k in there]
-
-    @property
-    def words(self) -> list[str]:
-        """Return the words around the number."""
-        return re.findall(r"[a-z]+", f"{self.before} {self.after}")
-
-    @property
-    def called_joints(self) -> bool:
-        return has_word(self.words, "joint")
-
-
-def _series(names: Sequence[str]) -> list[_Series]:
-    """Return the series of columns; J1 … [deg], J1 … [rad] and J1 … [Nm] are three."""
-    columns: dict[tuple[str, str, str], dict[int, list[str]]] = {}
-    for name in names:
-        bare, said = plain(split_unit(name)[0]), said_by_unit(name)
-        for found in re.finditer(r"\d+", bare):
-            around = (bare[: found.start()], bare[found.end() :], said)
-            columns.setdefault(around, {}).setdefault(int(found[0]), []).append(name)
-    return [
-        _Series(before, after, by_number)
-        for (before, after, _), of_number in columns.items()
-        for by_number in _one_of_each_number(of_number)
-    ]
-
-
-def _one_of_each_number(of_number: Mapping[int, Sequence[str]]) -> Iterator[dict[int, str]]:
-    """Yield sets of columns that have a number once.
-
-    Where one has several columns, those with and without a unit are apart. Then the first of each
-    number are together, whatever their units: an arm may turn and slide.
-    """
-    several = any(len(alike) > 1 for alike in of_number.values())
-    sets: dict[tuple[bool, int], dict[int, str]] = {}
-    for number, alike in of_number.items():
-        placed = {False: 0, True: 0}
-        for name in alike:
-            has_unit = several and bool(unit_of(name))
-            sets.setdefault((has_unit, placed[has_unit]), {})[number] = name
-            placed[has_unit] += 1
-    yield from sets.values()
-
-
-def numbered_sets(names: Sequence[str], joints: int) -> list[tuple[str, ...]]:
-    """Return every set of `joints` columns that are called joints and numbered from 1 (or 0).
-
-    Of columns that differ by their unit only, the first are one.
-    """
-    found: dict[tuple[str, str], tuple[str, ...]] = {}
-    for series in _series(_without(names, "torque", *_NO_JOINT)):
-        if len(series.run) >= joints and series.called_joints:
-            found.setdefault((series.before, series.after), tuple(series.run[:joints]))
-    return list(found.values())
-
-
-def beyond(names: Sequence[str], joints: Sequence[str]) -> tuple[str, ...]:
-    """Return columns that continue the numbers of the joints' columns, as of a gripper."""
-    found = []
-    for series in _series(names):
-        if not series.before and not series.after:
-            continue  # columns without names
-        listed = sorted(series.by_number.items())
-        own = [number for number, name in listed if name in joints]
-        if len(own) == len(joints) >= 2:
-            found += [name for number, name in listed if number > max(own)]
-    return tuple(found)
 
 
 def attitude_of(names: Sequence[str]) -> tuple[tuple[str, ...], str] | None:
@@ -470,6 +363,8 @@ def _by_axis(
 ) -> Iterator[tuple[dict[str, str], tuple[str, ...]]]:
     """Yield columns that differ only by a letter x, y, z (w), by it, and the words around it.
 
+    Of several columns of one letter between the same words the first is taken.
+
     A `numbered` letter has its number behind it, as in x1, which counts as a word.
     """
     groups: dict[tuple[str, ...], dict[str, str]] = {}
@@ -495,7 +390,10 @@ def _by_axis(
 
 def _around_axis(name: str) -> str:
     """Return a name as written without its unit and without its word x, y or z."""
-    parts = re.findall(r"[^\W_]+", split_unit(name)[0])
+    bare = split_unit(name)[0]
+    parts = re.findall(r"[^\W_]+", bare)
+    if not any(_AXIS.fullmatch(plain(part)) for part in parts):  # as in BallX
+        parts = re.findall(r"[^\W_]+", re.sub(r"(?<=[a-z])(?=[A-Z])", " ", bare))
     k = next((k for k, part in enumerate(parts) if _AXIS.fullmatch(plain(part))), len(parts))
     parts = [_NUMBERED_AXIS.sub(r"\2", part) for part in (*parts[:k], *parts[k + 1 :])]
     return "".join(parts)
@@ -513,7 +411,8 @@ def _uncertainties(names: Sequence[str]) -> Uncertainties:
     """Return the columns of uncertainties, of single columns and of whole targets."""
     called: dict[str, str] = {}
     for name in names:
-        called.setdefault("".join(words_of_name(name)), name)
+        if words := words_of_name(name):  # of # there are none
+            called.setdefault("".join(words), name)
     found = Uncertainties({}, {})
     for name in names:
         has_coverage = stated_coverage(name) is not None
