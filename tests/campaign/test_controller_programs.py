@@ -165,3 +165,51 @@ def test_a_job_of_yaskawa_that_lacks_its_type_is_no_program_to_export_again():
     with pytest.raises(RawDataError, match="pulses of the motors or poses of the tool") as refused:
         read(yaskawa_points, "/JOB\n//NAME A\nNOP\nEND")
     assert "export a table of the points" in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("types", "holds"),
+    [
+        (["PULSE"], "holds pulses of the motors, and no joint positions"),
+        (["ROBOT", "PULSE"], "holds poses of the tool and pulses of the motors, and no joint"),
+        (["ANGLE"], "holds points of the type ANGLE ("),
+    ],
+)
+def test_a_job_of_yaskawa_is_refused_for_all_its_types(types, holds):
+    job = "\n".join(["/JOB", "//NAME A", *(f"///POSTYPE {kind}" for kind in types), "END"])
+    with pytest.raises(RawDataError) as refused:
+        read(yaskawa_points, job)
+    assert holds in str(refused.value)
+    assert ("pulses per degree" in str(refused.value)) == ("PULSE" in types)
+
+
+@pytest.mark.parametrize("value", ["-90+5", "- 90.0", "HIGH", "-90.0.1"])
+def test_a_kuka_point_with_a_number_that_is_none_wholly_is_told(value):
+    text = kuka("DECL E6AXIS XP1={E6AXIS: A1 1.0,A2 2.0}", f"DECL E6AXIS XP2={{A1 1.0,A2 {value}}}")
+    labels, _, notes = read(kuka_points, text)
+    assert labels == ["P1"]
+    assert notes == ["1 point is not read, as it is written otherwise, in line 3"]
+
+
+def test_a_fanuc_point_of_another_group_alone_is_told_as_that():
+    text = fanuc("1", "2").replace("GP1", "GP2", 1)
+    labels, _, notes = read(fanuc_points, text)
+    assert labels == ["P2"]
+    assert notes == ["1 point is not read, as it is of another motion group than the first"]
+
+
+def test_elements_of_abb_arrays_have_their_indices_whether_or_not_all_are_read():
+    elements = ",".join(map(target, ["1", "2", "a", "4"]))
+    text = (
+        f"MODULE M\nCONST jointtarget p{{2,2}}:=[{elements}];\n"
+        f"CONST jointtarget c{{4}}:=[{elements}];\nCONST jointtarget n{{k}}:=[{elements}];\n"
+        "ENDMODULE"
+    )
+    labels, _, _ = read(abb_points, text)
+    one = [f"{name}{{{k}}}" for name in "cn" for k in (1, 2, 4)]
+    assert labels == ["p{1,1}", "p{1,2}", "p{2,2}", *one]
+
+
+def test_joint_positions_that_are_assigned_and_not_declared_are_in_the_program():
+    with pytest.raises(RawDataError, match=r"in a form that is read.*declare its points"):
+        read(abb_points, f"MODULE M\np1:={target(1)};\nENDMODULE")

@@ -78,7 +78,7 @@ VERSIONS = {
     "fanuc_ls": (b"GP1", b"GP2", "no joint positions"),
     "fanuc_posreg": (b"$POSREG", b"$PREG", "no rows of numbers"),
     "abb": (b"jointtarget", b"poseframe", "no joint positions"),
-    "yaskawa": (b"PULSE", b"ANGLE", "poses of the tool"),
+    "yaskawa": (b"PULSE", b"ANGLE", "points of the type ANGLE"),
     "mat": (b"\x00\x01IM", b"\x00\x02IM", r"a\.mat: the MATLAB file cannot be read .*v7\.3"),
     "npz": (b"PK\x03\x04", b"PK\x03\x03", r"a\.npz.*(cannot be read|it begins with PK)"),
     "npz alone": (b"NUMPY\x01", b"NUMPY\x09", r"a\.npy: .*only support format version"),

@@ -2,11 +2,13 @@
 
 Each reader takes the lines of a file and yields those of a table: labels, and joint positions as
 the controller has them. Points that hold a pose of the tool are counted in a note, and so is all
-that looks like a point and is not read, with its first line.
+that looks like a point and is not read, with its first line: a number that is none wholly, for one.
 """
 
 from __future__ import annotations
 
+import itertools
+import math
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -33,6 +35,7 @@ class _Points:
 
     read: list[_Point] = field(default_factory=list)
     pose_count: int = 0  # points that hold a pose of the tool
+    other_group_count: int = 0  # points of another motion group than the first alone
     unread: list[int] = field(default_factory=list)  # lines of what looks like a point besides
     # last line of a file that ends before the end of the program
     cut: TextLine | None = None
@@ -62,14 +65,17 @@ class _Points:
 
     def _refuse(self, axis: str, where: str) -> None:
         """Refuse a program without joint positions."""
-        remedy = "export the program with its points"
-        if self.pose_count or self.unread:
+        problem, remedy = "no joint positions are in the program", "export it with its points"
+        if self.pose_count:
             remedy = (
                 "export the joint positions: teach the points anew as joint positions, or log "
                 "where the arm stood at each of them"
             )
+        elif self.unread:
+            problem += " in a form that is read"
+            remedy = "declare its points in the file, with a number for each axis"
         raise RawDataError(
-            "no joint positions are in the program",
+            problem,
             where=where,
             value="; ".join(self._not_read()) or "no point",
             allowed=f"points with a position for each axis, such as {axis}",
@@ -82,6 +88,13 @@ class _Points:
             yield "1 point holds a pose of the tool and is not read"
         elif self.pose_count:
             yield f"{self.pose_count} points hold a pose of the tool and are not read"
+        if self.other_group_count == 1:
+            yield "1 point is not read, as it is of another motion group than the first"
+        elif self.other_group_count:
+            yield (
+                f"{self.other_group_count} points are not read, as they are of another motion "
+                "group than the first"
+            )
         if len(self.unread) == 1:
             yield f"1 point is not read, as it is written otherwise, in line {self.unread[0]}"
         elif self.unread:
@@ -115,7 +128,9 @@ _KUKA_NAMES = re.compile(
     rf"{_KUKA_TYPE}(\w+(?:{_KUKA_INDEX})?(?:\s*,\s*\w+(?:{_KUKA_INDEX})?)*)", re.I
 )
 _KUKA_POINT = re.compile(rf"(?:{_KUKA_TYPE})?\b(\w+)({_KUKA_INDEX})?\s*=\s*\{{([^}}]*)(\}}?)", re.I)
-_KUKA_AXIS = re.compile(rf"\b([AE]\d)\s+({_NUMBER})", re.I)
+_KUKA_AXIS = re.compile(r"\s*([AE]\d)\b(.*)", re.I)
+#: The type of an aggregate, which may stand before its components.
+_KUKA_OWN_TYPE = re.compile(r"^\s*\w+\s*:")
 #: Components of an axis, or of a place with the configuration of the arm.
 _KUKA_LIKE = re.compile(r"^\s*A1\s|^\s*X\s.*\bS\s+\d", re.I)
 
@@ -136,7 +151,8 @@ def kuka_points(lines: Iterable[TextLine], where: str, notes: list[str]) -> Iter
             declared |= {name.strip().upper(): kind.upper() for name in bare.split(",")}
         for stated, name, index, inside, end in _KUKA_POINT.findall(text):
             kind = stated.upper() or declared.get(name.upper(), "")
-            axes = _kuka_axes(inside) if kind in ("E6AXIS", "AXIS") else {}
+            inside = _KUKA_OWN_TYPE.sub("", inside)
+            axes = _kuka_axes(inside, whole=bool(end)) if kind in ("E6AXIS", "AXIS") else {}
             if axes:
                 label = name[1:] if len(name) > 1 and name[0] in "Xx" else name
                 labels = (label + "".join(index.split()),)
@@ -149,12 +165,22 @@ def kuka_points(lines: Iterable[TextLine], where: str, notes: list[str]) -> Iter
     yield from points.table("A1 … A6 of E6AXIS", where, notes)
 
 
-def _kuka_axes(inside: str) -> dict[str, str]:
-    """Return positions by axis, those of the arm with their unit."""
-    return {
-        f"{axis.upper()} [deg]" if axis[0] in "Aa" else axis.upper(): value
-        for axis, value in _KUKA_AXIS.findall(inside)
-    }
+def _kuka_axes(inside: str, *, whole: bool) -> dict[str, str]:
+    """Return positions by axis, those of the arm with their unit; none if one is no number.
+
+    The last one of a point that is not whole may be cut.
+    """
+    axes: dict[str, str] = {}
+    *_, last = parts = inside.split(",")
+    for part in parts:
+        if (found := _KUKA_AXIS.fullmatch(part)) is None:
+            continue
+        axis, value = found[1].upper(), found[2].strip()
+        if re.fullmatch(_NUMBER, value):
+            axes[f"{axis} [deg]" if axis[0] == "A" else axis] = value
+        elif whole or part is not last:
+            return {}
+    return axes
 
 
 # FANUC: P[1:"name"]{ GP1: … J1= 10.0 deg, … }; and position registers.
@@ -175,6 +201,7 @@ class _FanucBlock:
     labels: tuple[str, str]  # its name and its comment
     whole: bool  # False if its end is missing
     lines: list[TextLine] = field(default_factory=list)
+    groups: set[int] = field(default_factory=set)  # motion groups that it states
 
 
 def fanuc_points(lines: Iterable[TextLine], where: str, notes: list[str]) -> Iterator[TextLine]:
@@ -215,6 +242,8 @@ def _program_blocks(lines: Iterable[TextLine]) -> Iterator[_FanucBlock]:
             group = int(of_group[1])
         if block is None:
             continue
+        if of_group is not None:
+            block.groups.add(group)
         if group == 1:
             block.lines.append(line)
         if "}" in text:
@@ -268,6 +297,8 @@ def _fanuc_points(blocks: Iterable[_FanucBlock], where: str) -> _Points:
             points.pose_count += 1
         elif axes:
             points.read.append(_Point(block.line, block.labels, axes, block.whole))
+        elif block.groups and 1 not in block.groups:
+            points.other_group_count += 1
         elif block.whole:
             points.unread.append(block.line)
     return points
@@ -275,7 +306,7 @@ def _fanuc_points(blocks: Iterable[_FanucBlock], where: str) -> _Points:
 
 # ABB: CONST jointtarget p1:=[[r1,…,r6],[9E+09,…]];
 
-_ABB_NAMED = re.compile(r"\b(jointtarget|robtarget)\s+(\w+)\s*(?:\{[^}]*\})?\s*:=", re.I)
+_ABB_NAMED = re.compile(r"\b(jointtarget|robtarget)\s+(\w+)\s*(?:\{([^}]*)\})?\s*:=", re.I)
 _ABB_MOVES = re.compile(r"\bMoveAbsJ\b", re.I)
 _SIX = rf"\[\s*({_NUMBER}(?:\s*,\s*{_NUMBER}){{0,5}})\s*\]"
 _ABB_JOINTS = re.compile(rf"\[\s*{_SIX}\s*,\s*{_SIX}\s*\]")
@@ -344,34 +375,62 @@ def _add_abb_points(points: _Points, statement: _Statement) -> None:
     targets = list(_ABB_JOINTS.finditer(text))
     begins = {target.start() for target in targets}
     points.unread += [statement.line_at(offset) for offset, _ in like if offset not in begins]
-    for k, target in enumerate(targets, start=1):
+    # Elements of an array count, whether or not they are read.
+    elements = sorted(begins.union(offset for offset, _ in like))
+    index_of = _abb_indices("" if named is None else named[3] or "", len(elements))
+    for target in targets:
         values = [value.strip() for value in target[1].split(",")]
         axes = {f"J{j} [deg]": value for j, value in enumerate(values, start=1)}
         for j, value in enumerate(target[2].split(","), start=1):
             if float(value) < _ABB_NONE:
                 axes[f"E{j}"] = value.strip()
-        labels = (label if len(targets) == 1 else f"{label}{{{k}}}",)
+        labels = (label + index_of[elements.index(target.start())],)
         points.read.append(_Point(statement.line_at(target.start()), labels, axes))
+
+
+def _abb_indices(lengths: str, count: int) -> list[str]:
+    """Return the indices of an array's elements in braces, from its lengths, such as 2,3.
+
+    They are numbered where the lengths are no numbers or do not agree, and "" of one alone.
+    """
+    if count == 1:
+        return [""]
+    of_each = [int(length) for length in lengths.split(",") if length.strip().isdigit()]
+    if len(of_each) != lengths.count(",") + 1 or math.prod(of_each) != count:
+        of_each = [count]
+    indices = itertools.product(*(range(1, length + 1) for length in of_each))
+    return ["{" + str(index).strip("(,)").replace(" ", "") + "}" for index in indices]
 
 
 # Yaskawa: C00000=pulses of the motors.
 
 
+#: What the points of a job are, by its types; ANGLE, for one, is in no manual known here.
+_YASKAWA_TYPES = {
+    "PULSE": "pulses of the motors",
+    **dict.fromkeys(("BASE", "ROBOT", "TOOL", "USER", "MTOOL"), "poses of the tool"),
+}
+
+
 def yaskawa_points(lines: Iterable[TextLine], where: str, _notes: list[str]) -> Iterator[TextLine]:
-    """Refuse a job: its points are pulses of the motors, or poses of the tool."""
-    told = ((line, re.match(r"\s*///POSTYPE\s+(\w+)", line.text)) for line in lines)
-    line, kind = next(((line, kind) for line, kind in told if kind is not None), (None, None))
-    pulses = kind is not None and kind[1] == "PULSE"
-    holds = "pulses of the motors" if pulses else "poses of the tool"
-    if kind is None:
-        holds = "pulses of the motors or poses of the tool"
-    by_gear = ", or the pulses divided by the pulses per degree of each axis" if pulses else ""
+    """Refuse a job: its points are pulses of the motors, poses of the tool, or of another type."""
+    told = [
+        (line.number, found[1].upper())
+        for line in lines
+        if (found := re.match(r"\s*///POSTYPE\s+(\w+)", line.text)) is not None
+    ]
+    kinds = list(dict.fromkeys(kind for _, kind in told))
+    known = {_YASKAWA_TYPES.get(kind, f"points of the type {kind}"): None for kind in kinds}
+    holds = " and ".join(known) or "pulses of the motors or poses of the tool"
+    no_joints = ", and no joint positions" if set(kinds) <= set(_YASKAWA_TYPES) else ""
+    by_gear = ", or the pulses divided by the pulses per degree of each axis"
     raise RawDataError(
-        f"a Yaskawa job holds {holds}, and no joint positions",
-        where=where if line is None else f"{where}:{line.number}",
-        value="no line ///POSTYPE" if line is None else line.text.strip(),
+        f"a Yaskawa job is not read: it holds {holds}{no_joints}",
+        where=f"{where}:{told[0][0]}" if told else where,
+        value=", ".join(f"///POSTYPE {kind}" for kind in kinds) or "no line ///POSTYPE",
         allowed="joint positions in degrees",
         remedy="export a table of the points with the axes S, L, U, R, B, T in degrees: the "
         "current position of the pendant shown as ANGLE at each point, or a log of the controller"
-        + by_gear,
+        + by_gear
+        * ("PULSE" in kinds),
     )

@@ -189,7 +189,7 @@ FORMATS = (
         "yaskawa",
         "Yaskawa job (`.jbi`)",
         "the line `/JOB`",
-        "pulses of the motors: refused, with what to export",
+        "pulses of the motors, or poses of the tool: refused, with what to export",
         _first_line("/job"),
         table=yaskawa_points,
         measured=False,
