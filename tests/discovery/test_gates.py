@@ -16,7 +16,7 @@ from pa10cal.discovery.credible_amounts import holds_zero
 from pa10cal.discovery.evidence.by_repeats import ByRepeats
 from pa10cal.discovery.gates import gated, reasons_against_none, with_cable_torques
 from pa10cal.discovery.lack_of_fit import pure_error_test
-from pa10cal.discovery.refitted_verdict import unfit, with_findings
+from pa10cal.discovery.refitted_verdict import unfit, with_findings, without_names
 from pa10cal.discovery.rules import NAMES
 from pa10cal.files.arms import load_arm
 from pa10cal.terms.effects.effect import candidates
@@ -451,3 +451,22 @@ def test_a_pull_looks_like_a_gear_ratio_unless_torques_are_logged(eccentric, log
     assert pulls == ([] if logged else [("joint_error_map", "joint 2")])
     assert after.verdict == ("named" if logged else "ambiguous")
     assert (after is found) == logged
+
+
+def test_names_that_a_verdict_has_not_or_twice_are_refused(wave):
+    found = wave.discovery
+    (own,) = found.findings
+    foreign = replace(own, effect=GearRatioError("joint 6"))
+    with pytest.raises(ValueError, match="gear_ratio_error of joint 6 is not among the findings"):
+        without_names(found, {foreign: "it is made up"})
+    with pytest.raises(ValueError, match="is among the findings twice"):
+        with_findings(found, [own, own])
+
+
+def test_what_the_fit_before_predicted_is_not_that_of_a_new_fit(wave):
+    found = wave.discovery
+    by_names = SimpleNamespace(train=found.train, holdout=found.holdout)
+    old = replace(found, predicted=SimpleNamespace(by_names=by_names), doubt=(0.5, None))
+    new = with_findings(old, [])
+    assert (new.predicted, new.doubt) == (None, None)
+    assert new.by_names.train is new.train

@@ -103,6 +103,8 @@ class TestVerdict:
         fault = fault_of_pose("7", "far from the others", None, decides=True)
         shown = repr(replace(sought, faults_of_rows=(fault,)))
         assert "check_the_log\nfault, pose 7: far from the others\n" in shown
+        not_sought = repr(replace(found, faults_of_rows=(fault,)))
+        assert f"{found.remedy}\nfault, pose 7: far from the others" in not_sought
         part = Unexplained(of="joint 3", form=None, shared_error_mm=0.1, why="more than noise")
         shown = repr(replace(sought, unexplained=(part,) * 20))
         assert "unexplained\nno name, joint 3: more than noise\n" in shown

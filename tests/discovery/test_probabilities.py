@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pa10cal.discovery import verdict
-from pa10cal.discovery.finding import Explanations, Finding, Rival
+from pa10cal.discovery.finding import Explanations, Finding, Rival, line_of
 from pa10cal.discovery.proof import UnknownCause
 from pa10cal.discovery.refitted_verdict import fitted_instead
 from pa10cal.discovery.rules import PROBABILITIES
@@ -265,3 +265,15 @@ def test_of_touches_a_log_of_another_instant_may_be_a_machine_that_reads_by_the_
     assert verdict.with_unknown_cause(found, backlash).probability == pytest.approx(SURE)
     measured.from_touches = False
     assert verdict.with_unknown_cause(found, along).probability == pytest.approx(SURE)
+
+
+def test_a_line_says_what_else_may_be_there():
+    surely = line_of(finding(Rival(GEAR, np.array([-12.0]))))
+    assert surely.startswith("backlash of joint 1: ")
+    assert "probability" not in surely
+    unsure = finding(Rival(GEAR, np.array([2.0])))
+    share = unsure.explanations.probability(GEAR)
+    other = f"; else gear_ratio_error of joint 1 ({share:.2f})"
+    assert f", probability {unsure.probability:.2f}{other}" in line_of(unsure)
+    nameless = replace(finding(), unknown_probability=0.3)
+    assert line_of(nameless).endswith("probability 0.70; else none of these (0.30)")

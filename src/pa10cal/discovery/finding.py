@@ -22,6 +22,7 @@ from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import BandPrior, JointErrorMap, is_error_map
 from pa10cal.terms.term import Term
 from pa10cal.terms.weights import is_fault
+from pa10cal.terms.wording import parameters_text
 
 
 def name_of(effect: Effect) -> EffectName:
@@ -38,6 +39,22 @@ def label_of(effect: Effect, rival: Effect | None) -> str:
     """Return the names of an effect and of its rival, if there is one."""
     name = f"{effect.id} of {effect.of}"
     return name if rival is None else f"{name} or {rival.id} of {rival.of}"
+
+
+def line_of(finding: Finding) -> str:
+    """Return an effect with its parameters, and what else may be there unless it is surely this."""
+    line = f"{label_of(finding.effect, None)}: {parameters_text(finding.parameters)}"
+    if finding.probability >= PROBABILITIES.surely:
+        return line
+    others = [
+        f"{label_of(effect, None)} ({probability:.2f})"
+        for effect, probability in finding.explanations.named
+        if effect != finding.effect and probability >= PROBABILITIES.least
+    ]
+    if (nameless := finding.explanations.none_of_these) >= PROBABILITIES.least:
+        others.append(f"none of these ({nameless:.2f})")
+    instead = f"; else {', '.join(others)}" if others else ""  # each of many may be unlikely
+    return f"{line}, probability {finding.probability:.2f}{instead}"
 
 
 def is_named(effect: Effect) -> bool:
@@ -303,6 +320,15 @@ class Untestable:
     effect: Effect  # which, and where
     why: str  # the reason
     by_these_poses: bool = True  # whether other poses may show it; else a quantity was not logged
+
+
+def smooth_unknown(effect: Effect, left_mm: float, what: str) -> discovery.Unexplained:
+    """Return a smooth function as an unexplained part; `what` is what it predicts, in words."""
+    why = (
+        f"a smooth unknown function ({effect.id}) of {effect.of} predicts {what} better than "
+        f"any name{effect.advice}"
+    )
+    return discovery.Unexplained(of=effect.of, form=effect.id, shared_error_mm=left_mm, why=why)
 
 
 def not_testable(entries: Sequence[Untestable]) -> tuple[discovery.NotTestable, ...]:

@@ -24,11 +24,21 @@ S = TypeVar("S", bound=Scorer)
 def with_findings(found: Verdict[S], findings: Sequence[Finding]) -> Verdict[S]:
     """Return a verdict with these findings and their parameters, the model fitted again.
 
+    Parameters and the gap are those of the new fit, in which nothing is `predicted` or in `doubt`:
+    both are of the fit before. All else stays as the verdict has it: what has no name, what these
+    data cannot show, and limits within which the model holds.
+
     Args:
         found: the verdict.
         findings: some of its findings, each with its own effect or one of its alternatives.
+
+    Raises:
+        ValueError: when a finding is there twice.
     """
-    scorer = found.scorer.refitted(tuple(each.effect for each in findings), found.findings)
+    effects = [each.effect for each in findings]
+    if twice := [effect for effect in effects if effects.count(effect) > 1]:
+        raise ValueError(f"{label_of(twice[0], None)} is among the findings twice")
+    scorer = found.scorer.refitted(tuple(effects), found.findings)
     held_out = found.prepared.held_out
     reported = [scorer.extended.reported(each.effect, scorer.covariance) for each in findings]
     return replace(
@@ -40,6 +50,8 @@ def with_findings(found: Verdict[S], findings: Sequence[Finding]) -> Verdict[S]:
         ),
         train=scorer.gap_on(scorer.fitted_poses(found.prepared), found.train),
         holdout=None if held_out is None else scorer.gap_on(held_out, found.holdout),
+        predicted=None,
+        doubt=None,
     )
 
 
@@ -47,8 +59,10 @@ def without_names(found: Verdict[S], reasons: Mapping[Finding, str]) -> Verdict[
     """Return a verdict without some names, which become unexplained parts for the reasons given.
 
     The model is fitted again, and its mean error is reported of these parts.
+
+    Raises ValueError for a name that the verdict does not have.
     """
-    gone = [finding.effect for finding in reasons]
+    gone = [finding_of(found, finding.effect).effect for finding in reasons]
     found = with_findings(found, [one for one in found.findings if one.effect not in gone])
     left_mm = found.train.after.mean_mm
     unknown = (no_name(finding, left_mm, why) for finding, why in reasons.items())
@@ -86,9 +100,9 @@ def instead(found: Verdict, finding: Finding, effect: Effect | None = None) -> t
 def fitted_instead(found: Verdict[S], old: Finding, new: Finding) -> Verdict[S] | None:
     """Return the verdict with a finding in place of another; None if the new fit rules it out."""
     # A new fit accepts alternatives of findings only.
-    known = replace(old, alternatives=(new.effect, *old.alternatives))
-    tried = replace(found, findings=instead(found, known))
-    tried = with_findings(tried, instead(found, new.with_proof_of(old), old.effect))
+    with_alternative = replace(old, alternatives=(new.effect, *old.alternatives))
+    allowing_new = replace(found, findings=instead(found, with_alternative))
+    tried = with_findings(allowing_new, instead(found, new.with_proof_of(old), old.effect))
     now = finding_of(tried, new.effect)
     return None if any(unfit(now, tried.model, tried.states)) else tried
 

@@ -200,8 +200,8 @@ class Maps:
     # highest order that decides about a spectrum, in cycles a turn: beyond is the floor (trials)
     highest_band: int = 107
     angle_parts: int = 10  # parts of a joint's visited angles, alike in poses (computing)
-    # stretches of angles that are left out, of all joints together, at least: six told by chance
-    # which of two priors is better (measured)
+    # stretches of angles that are left out, of all joints together, or all parts of few joints: six
+    # told by chance which of two priors is better (measured)
     angle_stretches: int = 20
     # weights of orientations that are tried, in their scatter (trials)
     attitude_weights: tuple[float, ...] = (1.0, 0.5, 0.25)

@@ -22,7 +22,7 @@ from pa10cal.arrays import Array, Rows
 from pa10cal.calibration.rules import GRADES
 from pa10cal.discovery.explained import ErrorsOfModels, explained_errors
 from pa10cal.discovery.field import FieldFit, with_field
-from pa10cal.discovery.finding import Finding, Untestable, is_named, label_of, name_of
+from pa10cal.discovery.finding import Finding, Untestable, is_named, line_of, name_of
 from pa10cal.discovery.gap import ErrorsByName, PairedErrors, errors_by_name, trusted
 from pa10cal.discovery.log_faults import DiagnosedFault, fault_of, log_is_to_be_checked
 from pa10cal.discovery.model_with_effects import ModelWithEffects, with_targets_off
@@ -45,7 +45,6 @@ from pa10cal.results.maps import JointWitness
 from pa10cal.terms.effects.effect import CandidateContext, Effect
 from pa10cal.terms.effects.joint_error_map import is_error_map
 from pa10cal.terms.weights import is_fault
-from pa10cal.terms.wording import parameters_text
 
 
 @dataclass(frozen=True)
@@ -385,27 +384,24 @@ class Verdict(Generic[S]):
 
     @property
     def gap(self) -> Mapping[str, PairedErrors | None]:
-        """Return the gap by set of poses: `train`, and `holdout` where poses were held out."""
+        """Return the gap by set of poses: `train`, and `holdout`, None without held-out poses."""
         return {"train": self.train, "holdout": self.holdout}
 
     @property
     def _shown(self) -> tuple[str, ...]:
         """Return the lines that are shown in addition to the word of the verdict."""
+        faults = [f"fault, {each.where}: {each.what}" for each in self.faults]
         if self.why is not None:
-            return (self.why,) if self.remedy is None else (self.why, self.remedy)
-        named = (*self.gives_way, *self.in_log, *self.effects)
-        found = [f"{label_of(e.effect, None)}: {parameters_text(e.parameters)}" for e in named]
-        found += [f"fault, {each.where}: {each.what}" for each in self.faults]
+            return (self.why, *filter(None, [self.remedy]), *_at_most(PLACES.most_shown, faults))
+        found = [*map(line_of, (*self.gives_way, *self.in_log, *self.effects)), *faults]
         found += [f"no name, {each.of or 'place unknown'}: {each.why}" for each in self.unexplained]
         found += [f"proposed, no name: {each.form.formula}" for each in self.proposed]
-        more = len(found) - PLACES.most_shown
-        found[PLACES.most_shown :] = [f"and {more} more"] if more > 0 else []
-        found += [
+        gaps = [
             f"{name}: {gap.before.mean_mm:.4f} mm → {gap.after.mean_mm:.4f} mm in the mean"
             for name, gap in self.gap.items()
             if gap is not None
         ]
-        return tuple(found)
+        return (*_at_most(PLACES.most_shown, found), *gaps)
 
     def __repr__(self) -> str:
         """Return the word, what was found and the gap in at most 12 lines."""
@@ -527,6 +523,12 @@ class Verdict(Generic[S]):
         )
 
 
+def _at_most(count: int, lines: Sequence[str]) -> list[str]:
+    """Return the first lines, and how many more there are."""
+    more = len(lines) - count
+    return [*lines[:count], *([f"and {more} more"] if more > 0 else [])]
+
+
 def is_sought(found: Verdict) -> TypeIs[Verdict[Scorer]]:
     """Return whether effects were sought: then the model can be fitted with other effects."""
     return isinstance(found.scorer, Scorer)
@@ -580,15 +582,6 @@ def _plausible_sizes(found: Verdict, effect: Effect) -> float:
     if limits.values is not None or limits.turn_rad is not None:
         return 0.0
     return effect.size(extended.at.values_of(effect)[: effect.linear])
-
-
-def smooth_unknown(effect: Effect, left_mm: float, what: str) -> Unexplained:
-    """Return a smooth function as an unexplained part; `what` is what it predicts, in words."""
-    why = (
-        f"a smooth unknown function ({effect.id}) of {effect.of} predicts {what} better than "
-        f"any name{effect.advice}"
-    )
-    return Unexplained(of=effect.of, form=effect.id, shared_error_mm=left_mm, why=why)
 
 
 def word_of(findings: Sequence[Finding], unexplained: Sequence[Unexplained]) -> Word:

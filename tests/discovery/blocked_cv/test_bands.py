@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pa10cal.discovery.blocked_cv import bands
+from pa10cal.terms.effects.joint_error_map import TYPICAL, JointErrorMap
 
 
 def off_a_turn_deg(here, there):
@@ -54,3 +55,17 @@ def test_a_loss_in_every_stretch_is_no_chance():
     assert bands._no_worse(better, better)
     assert not bands._no_worse(worse, better)
     assert not bands._no_worse(better, worse)
+
+
+def test_a_single_stretch_must_not_be_worse():
+    some = np.ones((2, 2))
+    for worse, kept in ((0.9, True), (1.0, True), (1.1, False)):
+        assert bands._no_worse(some, np.array([[1.0, worse]])) == kept
+
+
+def test_a_map_without_a_spectrum_is_refused():
+    waves = object.__new__(bands._WaveColumns)
+    waves.orders, waves._dense_count, waves._free = np.arange(1, 5), 1, np.ones(9, dtype=bool)
+    maps = [JointErrorMap("joint 1", 12, TYPICAL), JointErrorMap("joint 2", 12)]
+    with pytest.raises(ValueError, match="no spectrum"):
+        waves.sizes_as_found(maps, 1.0)

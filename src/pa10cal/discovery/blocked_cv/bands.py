@@ -185,16 +185,25 @@ def _orientation_root_weight(
 
 
 def _no_worse(of_time: Array, of_angles: Array) -> bool:
-    """Return whether bands predict neither kind of held-out stretches significantly worse.
+    """Return whether bands predict neither kind of held-out stretches worse than by chance.
 
-    By the logarithms of their squares, so that each stretch counts alike.
+    That is by more than one standard error of the sum of the logarithms of their squares, in which
+    each stretch counts alike: of one stretch that is much worse the standard error is as large. A
+    kind with a single stretch, whose scatter is not known, must not be worse at all.
     """
-    gains = [np.log(squares[:, 0] / squares[:, 1]) for squares in (of_time, of_angles)]
-    return all(float(gain.sum()) >= -standard_error_of_sum(gain) for gain in gains)
+    for squares in (of_time, of_angles):
+        gain = np.log(squares[:, 0] / squares[:, 1])
+        by_chance = standard_error_of_sum(gain) if len(gain) > 1 else 0.0
+        if gain.sum() < -by_chance:
+            return False
+    return True
 
 
 class _WaveColumns:
-    """Columns of waves for the maps, without the model's parameters that are at their bounds."""
+    """Columns of waves for the maps, without the model's parameters that are at their bounds.
+
+    Before them stand the `dense_count` columns of the rows: those of the model, then of effects.
+    """
 
     def __init__(self, rows: BlockedRows, maps: Sequence[JointErrorMap]) -> None:
         wave_count = 2 * MAPS.highest_band  # a sine and a cosine of every order
@@ -225,8 +234,13 @@ class _WaveColumns:
         return np.concatenate([np.ones(self.leading), *of_maps])
 
     def sizes_as_found(self, maps: Sequence[JointErrorMap], scatter: float) -> Array:
-        """Return `sizes` by the spectra that maps have, each with no finer waves than its knots."""
+        """Return `sizes` by the spectra that maps have, each with no finer waves than its knots.
+
+        Raises ValueError for a map without a spectrum, whose waves have no size.
+        """
         spectra = [each.spectrum for each in maps if each.spectrum is not None]
+        if len(spectra) < len(maps):
+            raise ValueError("a map has no spectrum")
         sizes = self.sizes(spectra, scatter)
         finest = np.repeat([each.knots / 2 for each in maps], len(self.orders))
         too_fine = np.tile(self.orders, len(maps)) > finest
@@ -250,7 +264,7 @@ def _stretches_of_angles(
 ) -> Iterator[Gaussian]:
     """Yield the normal equations of poses with a joint in a stretch of its visited angles.
 
-    Of each joint as many stretches, evenly spread.
+    Of each joint as many stretches, evenly spread, but at most the `MAPS.angle_parts` that it has.
     """
     maps = maps_among(members)
     joints, knots = joints_and_knots(members)
@@ -266,7 +280,7 @@ def _stretches_of_angles(
 
 
 def _stretches_of_turn(angle_rad: Array) -> Array:
-    """Return in which stretch of the angles visited each pose is, (P,), from 0 on.
+    """Return in which stretch of the angles visited each of P > 0 poses is, (P,), from 0 on.
 
     Stretches have about as many poses each; one with a station of many poses has more, and the next
     ones may have none. They are of the turn, so that no pose left out stands at an angle which the

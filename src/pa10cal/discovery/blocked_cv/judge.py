@@ -20,7 +20,7 @@ from pa10cal.discovery.blocked_cv.effect_set import (
     within_bounds,
 )
 from pa10cal.discovery.blocked_cv.search import Search
-from pa10cal.discovery.finding import Rival
+from pa10cal.discovery.finding import Rival, smooth_unknown
 from pa10cal.discovery.position_errors import position_error_mm
 from pa10cal.discovery.proof import (
     Proof,
@@ -29,7 +29,6 @@ from pa10cal.discovery.proof import (
     removed_over_remaining,
 )
 from pa10cal.discovery.rules import BLOCKS, PROBABILITIES
-from pa10cal.discovery.verdict import smooth_unknown
 from pa10cal.results.discovery import (
     BlockedCrossValidation,
     EvidenceByBlocks,
