@@ -12,6 +12,7 @@ import pa10cal
 from pa10cal.calibration.campaign import calibrated_record
 from pa10cal.calibration.load_case import LoadCase
 from pa10cal.calibration.options import CalibrationOptions
+from pa10cal.discovery import verdict_records
 from pa10cal.discovery.noise import (
     Noise,
     noise_of_near_poses,
@@ -52,7 +53,16 @@ def test_it_is_what_scatters_about_the_weights_and_moves_through_springs():
     assert added.min() > -1e-15
     # 1 N m at joint 2 turns it by some 3e-5 rad, which moves the end by up to some 40 um.
     assert 0.01 < 1e3 * np.sqrt(added.max()) < 0.1
+    assert found.torque_share == 1.0
     assert with_torque_noise(stated, residual, ready.baseline, poses, None) is stated
+
+
+@pytest.mark.parametrize("forces", [True, False])
+def test_forces_that_nobody_stated_are_told_with_the_model(forces):
+    model = SimpleNamespace(T_end_shown=np.eye(4), targets_off_m=np.zeros(0))
+    found = SimpleNamespace(scorer=SimpleNamespace(unstated_forces=forces), model=model)
+    told = "".join(verdict_records._not_predicted(found))
+    assert ("forces act that nobody stated" in told) is forces
 
 
 def test_loads_that_only_the_log_shows_are_no_noise_of_a_grade():

@@ -44,6 +44,9 @@ class Noise:
     # (n,) standard deviation of a reading's torques; nan where none is logged, zero where none
     # scatters, as in a log that was calculated
     torque_Nm: Array = field(default_factory=lambda: np.zeros(0))
+    # share of the variance of logged torques about those of the weights that is noise; the rest is
+    # of forces that nobody stated
+    torque_share: float = 1.0
     # how far apart the poses of pairs that are no repeats may be [rad; m of a prismatic joint]
     within: float = NOISE.same_pose
 
@@ -418,8 +421,8 @@ def with_torque_noise(
     moved = by_drives * (turned_rad * torque_Nm)[:, None, :]
     by_torques = moved @ np.swapaxes(moved, 1, 2)
     share = share_that_is_noise(residual, poses.measured, noise.cov, by_torques)
-    torque_Nm = np.sqrt(share) * torque_Nm
-    return replace(noise, cov=noise.cov + share * by_torques, torque_Nm=torque_Nm)
+    cov, torque_Nm = noise.cov + share * by_torques, np.sqrt(share) * torque_Nm
+    return replace(noise, cov=cov, torque_Nm=torque_Nm, torque_share=share)
 
 
 def share_that_is_noise(

@@ -131,6 +131,11 @@ class Basis(ABC):
         """Return the effects whose columns its rows contain; None where they contain any."""
         return None
 
+    @property
+    def unstated_forces(self) -> bool:
+        """Return whether logged torques are of forces that nobody stated."""
+        return False
+
     def targets_off_m(self, stated: int) -> Array:
         """Return the errors of the stated coordinates of targets, (a,) [m]."""
         return np.zeros(stated)

@@ -141,12 +141,18 @@ def extended_record(
         steps_s=steps_told(found.faults) or None,
         named=verdict.effects,
         fits_weights=verdict.fits_weights,
-        warnings=(*warnings_of(verdict), *_confirmed(found), *_end_elsewhere(found)),
+        warnings=(*warnings_of(verdict), *_confirmed(found), *_not_predicted(found)),
     )
 
 
-def _end_elsewhere(found: Verdict) -> Iterator[str]:
-    """Yield where targets on an apparatus show the end, where it is not where its rows have it."""
+def _not_predicted(found: Verdict) -> Iterator[str]:
+    """Yield what was measured and predictions are without, or otherwise than the rows have it."""
+    if found.scorer.unstated_forces:
+        yield (
+            "logged torques differ from those of the weights by far more than their noise, and the "
+            "arm moved by them: forces act that nobody stated, or weights are others; predictions "
+            "are by the weights"
+        )
     shown, off_m = found.model.T_end_shown[:3, 3], found.model.targets_off_m
     if np.array_equal(found.model.T_end_shown, np.eye(4)):
         return

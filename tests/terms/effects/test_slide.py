@@ -166,12 +166,18 @@ def test_a_file_with_a_stroke_of_no_length_is_refused(id_):
         term_from_plain(plain, where="model.yaml")
 
 
-def test_what_a_carriage_slides_on_is_an_even_beam(states):
-    """Held at the low end: slope and deflection of its free end by quadrature of its curvature."""
+@pytest.mark.parametrize("beyond_m", [0.0, 0.4])
+def test_what_a_carriage_slides_on_is_an_even_beam(beyond_m, states):
+    """Slope and deflection of its free end by quadrature of its curvature, from where it is held.
+
+    That is below the low end of the stroke; beyond its high end the beam goes on.
+    """
     effect = of_first("slide_bending")
     chain, whole_m = Chain.of(FIRST), 3.0
     found = frames(chain, chain.coordinates(states.q_rad))
-    got = moved(effect, FIRST, states, np.array([1e-6]))
+    model = Model(Chain.of(FIRST, bends=tuple(range(1, FIRST.n))), (effect,))
+    by_c = model.predict_with_jacobian(states, np.array([0.0, beyond_m])).jacobian[:, :, 0]
+    got = 1e-6 * by_c
     carriage = found.T_base_joints[0, :, :3, 3] + (
         states.q_rad[:, :1] * found.T_base_joints[0, :, :3, 2]
     )
@@ -180,7 +186,7 @@ def test_what_a_carriage_slides_on_is_an_even_beam(states):
         axis, loads = found.T_base_joints[0, p, :3, 2], states.static_loads
         force = R @ loads.link_N[p, 0]
         moment = R @ loads.link_Nm[p, 0] + np.cross(end - carriage[p], force)
-        out_m = np.clip(states.q_rad[p, 0], -1.5, 1.5) + 1.5
+        out_m = max(states.q_rad[p, 0] + 1.5 + beyond_m, 0.0)
         along = np.linspace(0.0, out_m, 2001)
         beyond = np.outer(out_m - along, axis)
         bend = moment + np.cross(beyond, force)

@@ -102,6 +102,11 @@ class ByBlocks(Scorer):
             order[each.joint - 1] = max(order[each.joint - 1], each.finest_order)
         return angles_seen(self.survey.poses.states.q_rad, order) if order.any() else None
 
+    @property
+    @override
+    def unstated_forces(self) -> bool:
+        return self.noise.torque_share < 1.0
+
     @cached_property
     @override
     def scatter(self) -> PoseDeviations | None:

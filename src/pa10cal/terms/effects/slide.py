@@ -236,10 +236,11 @@ class SlidePositioning(AtSlide):
 class SlideBending(Compliance, AtSlide):
     """A column or ram bends the more the farther its carriage is out, c in rad/(N m).
 
-    An even beam, held where the carriage is lowest: at its highest it turns by c (M + s x F / 2)
-    across the stroke s, with M and F moment and force on the carriage there. A compliance that does
-    not depend on the stroke is `lateral_compliance` of the next joint. Both scorers seek it, alone
-    and in sets; not at a last joint, as no moments are computed beyond it.
+    An even beam, held o below where the carriage is lowest: with s the stroke and o it turns by
+    c (M + s x F / 2) across them for each length of the stroke, with M and F moment and force on
+    the carriage there. A compliance that does not depend on the stroke is `lateral_compliance` of
+    the next joint. Both scorers seek it, alone and in sets; not at a last joint, as no moments are
+    computed beyond it.
     """
 
     # from the carriage to the frame in which the next joint moves, along that frame's axes
@@ -252,8 +253,8 @@ class SlideBending(Compliance, AtSlide):
     )
     words = (
         "the carriage of joint {0.joint} turns by c (M + s x F / 2) v and shifts by "
-        "c (M / 2 + s x F / 3) x s v, M and F what it carries there across s, v from 0 at "
-        "{0.span_m[0]:g} m to 1 at {0.span_m[1]:g} m, s the way from the first"
+        "c (M / 2 + s x F / 3) x s v, M and F what it carries there across s, s the way from "
+        "{0.span_m[0]:g} m and o more, v its length over that from there to {0.span_m[1]:g} m"
     )
     limits = replace(SlideError.limits, positive=True)
 
@@ -263,17 +264,51 @@ class SlideBending(Compliance, AtSlide):
             return None
         return tuple(link_spans_m(arm)[joint - 1].tolist()), moment_of_arm_Nm(arm)
 
-    def per_unit(self, states: PoseStates) -> Array:
+    linear = 1  # proportional to c; o shapes it
+
+    @property
+    def starts(self) -> tuple[Array, ...]:
+        """Return zero amount of beams as long as the stroke, and half a stroke longer."""
+        stroke_m = self.span_m[1] - self.span_m[0]
+        return np.zeros(2), np.array([0.0, 0.5 * stroke_m])
+
+    @property
+    def reported(self) -> tuple[TermParameter, ...]:
+        """Return the compliance, and by how much the beam is longer than the stroke."""
+        stroke_m = self.span_m[1] - self.span_m[0]
+        beyond = TermParameter("o", "m", 0.1 * stroke_m, lower=0.0, upper=2.0 * stroke_m)
+        return *super().reported, beyond
+
+    def report(self, x: Array) -> Report:
+        """Return its parameters; compliances are proportional to the inverse of the weights."""
+        return replace(super().report(x), by_weights=np.array([-x[0], 0.0]))
+
+    def shift(self, states: PoseStates, x: Array) -> Array:
+        return np.asarray(x[0] * self._per_compliance(states, x[1])[0])
+
+    def derivative(self, states: PoseStates, x: Array) -> Array:
+        by_c, by_o = self._per_compliance(states, x[1])
+        return np.stack([by_c, x[0] * by_o], axis=2)
+
+    def _per_compliance(self, states: PoseStates, beyond_m: float) -> tuple[Array, Array]:
+        """Return its motions for a unit of c (P, 6), and their derivative by the overhang."""
         loads, axis = static_loads_in(states, self), np.array(self.along)
         force_N, to_end_m = loads.link_N[:, self.joint - 1], np.array(self.to_end_m)
         moment_Nm = loads.link_Nm[:, self.joint - 1] + np.cross(to_end_m, force_N)
         moment_Nm = moment_Nm - np.outer(moment_Nm @ axis, axis)
-        out = 0.5 + 0.5 * self.stroke(states)[:, None]
-        way_m = (self.span_m[1] - self.span_m[0]) * out * axis
-        of_force_Nm = np.cross(way_m, force_N)
-        turn = out * (moment_Nm + of_force_Nm / 2.0)
-        shift = out * np.cross(moment_Nm / 2.0 + of_force_Nm / 3.0, way_m)
-        return np.hstack([shift + np.cross(turn, to_end_m), turn])
+        force_Nm = np.cross(axis, force_N)  # for a lever of a metre
+        stroke_m = self.span_m[1] - self.span_m[0]
+        out_m = states.q_rad[:, [self.joint - 1]] - self.span_m[0]
+        way_m = np.maximum(out_m + beyond_m, 0.0)
+        turn = way_m * (moment_Nm + way_m * force_Nm / 2.0)
+        by_turn = moment_Nm + way_m * force_Nm
+        shift = way_m**2 * np.cross(moment_Nm / 2.0 + way_m * force_Nm / 3.0, axis)
+        by_shift = way_m * np.cross(moment_Nm + way_m * force_Nm, axis)
+        unit, by_o = (
+            np.hstack([along + np.cross(turned, to_end_m), turned]) / stroke_m
+            for along, turned in ((shift, turn), (by_shift, by_turn))
+        )
+        return unit, by_o
 
 
 @dataclass(frozen=True)
