@@ -51,6 +51,8 @@ _TURNED_KINDS = (
 _VECTOR = re.compile(
     r"(?<![a-z\d])([rt])(?:ot(?:ation)?|rans(?:lation)?)?[\s_.-]*vec(?:tor)?s?(?![a-z])"
 )
+#: Other words before the seconds of a stamp.
+_OF_STAMPS = ("header", "tv")
 #: Encodings that are mistaken for each other.
 _ENCODINGS = ("utf-8", "cp1252", "cp850", "mac_roman")
 _LEVELS: dict[str, float] = WORDS["coverage"]
@@ -170,6 +172,26 @@ def said_by_unit(name: str) -> str:
     if _is_rate(name):
         return "no position"
     return "" if _LONE_LETTER.search(name) else _SAID_BY_UNIT.get(unit_of(name), "")
+
+
+def parts_of_stamps(names: Sequence[str]) -> list[tuple[str, str]]:
+    """Return the stamps in two columns, seconds and the part of a second, as ROS has them.
+
+    Their names differ only by a last word, such as secs and nsecs, sec and nanosec.
+    """
+    by_unit: dict[str, dict[str, str]] = {}
+    for name in names:
+        bare = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name[:MOST_LETTERS]).rstrip(")]} ")
+        found = re.fullmatch(r"(?P<rest>.*?)[\W_]*(?P<unit>[a-z]+)", plain(bare))
+        rest = () if found is None else words_of_name(found["rest"])
+        if found is not None and (not rest or has_word(rest, "time") or rest[-1] in _OF_STAMPS):
+            by_unit.setdefault(canonical_unit(found["unit"]), {})[found["rest"]] = name
+    return [
+        (seconds, by_unit[part][rest])
+        for rest, seconds in by_unit.get("s", {}).items()
+        for part in ("ns", "us", "ms")
+        if rest in by_unit.get(part, {})
+    ]
 
 
 def mistaken_encoding(name: str, names: Sequence[str]) -> tuple[str, str, str] | None:

@@ -12,7 +12,7 @@ from pa10cal.campaign.column_names import apart_by_letters, has_word, is_of, wor
 from pa10cal.campaign.csv_rows import CONTRACT, is_repeated
 from pa10cal.campaign.joint_names import aliases_by_text, named_joints
 from pa10cal.campaign.matrices import quaternion_columns, rotation_columns, with_matrix
-from pa10cal.campaign.recognise import Roles, attitude_of, roles_of, standing, with_polar
+from pa10cal.campaign.recognise import Roles, attitude_of, polar_columns, roles_of, standing
 from pa10cal.campaign.sniffing import Sniffed
 from pa10cal.errors import RawDataError
 
@@ -39,9 +39,19 @@ def roles_of_file(sniffed: Sniffed, joints: int | None, joint_names: Sequence[st
     names = apart_by_letters(sniffed.titles or sniffed.names)
     unmixed = replace(sniffed, names=names)
     roles = with_matrix(_roles_by_name(unmixed, joints, joint_names), names, sniffed.numbers)
-    roles = _with_moving_orientation(with_polar(roles, names), unmixed)
+    roles = _with_moving_orientation(_with_polar(roles, names), unmixed)
     roles = _with_place_of_oriented_body(roles)
     return roles.renamed(dict(zip(names, sniffed.names, strict=True)))
+
+
+def _with_polar(roles: Roles, names: Sequence[str]) -> Roles:
+    """Return roles in which polar readings are a position, where there is no other."""
+    taken = {*roles.joints, *roles.torques, *roles.uncertain.values()}
+    polar = polar_columns([name for name in names if name not in taken])
+    if roles.positions or polar is None:
+        return roles
+    single = {key: name for key, name in roles.single.items() if name not in polar}
+    return replace(roles, positions={"": polar}, attitude=None, single=single, polar=polar)
 
 
 def _with_moving_orientation(roles: Roles, sniffed: Sniffed) -> Roles:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -13,13 +13,12 @@ from numpy.typing import NDArray
 
 from pa10cal.campaign.column_map import LENGTHS
 from pa10cal.campaign.column_names import (
-    MOST_LETTERS,
     VOCABULARY,
     WORDS,
-    canonical_unit,
     has_part_of,
     has_word,
     is_of,
+    parts_of_stamps,
     plain,
     said_by_unit,
     split_unit,
@@ -45,8 +44,6 @@ _STILL = 0.02
 _RUN_ON = re.compile(r"(?:s|u|std|sigma)([xyz]|q\d)")
 #: Kinds of words of columns that hold no position of a target.
 _NO_PLACE = ("no position", "extreme", "torque", "force")
-#: Other words before the seconds of a stamp.
-_OF_STAMPS = ("header", "tv")
 _ELEVATION = frozenset(WORDS["from horizon"].split())
 _POLAR = {part: frozenset(words.split()) for part, words in WORDS["polar"].items()}
 
@@ -260,26 +257,6 @@ def _single_columns(names: Sequence[str], text: Collection[str]) -> dict[str, st
     return single
 
 
-def parts_of_stamps(names: Sequence[str]) -> list[tuple[str, str]]:
-    """Return the stamps in two columns, seconds and the part of a second, as ROS has them.
-
-    Their names differ only by a last word, such as secs and nsecs, sec and nanosec.
-    """
-    by_unit: dict[str, dict[str, str]] = {}
-    for name in names:
-        bare = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name[:MOST_LETTERS]).rstrip(")]} ")
-        found = re.fullmatch(r"(?P<rest>.*?)[\W_]*(?P<unit>[a-z]+)", plain(bare))
-        rest = () if found is None else words_of_name(found["rest"])
-        if found is not None and (not rest or has_word(rest, "time") or rest[-1] in _OF_STAMPS):
-            by_unit.setdefault(canonical_unit(found["unit"]), {})[found["rest"]] = name
-    return [
-        (seconds, by_unit[part][rest])
-        for rest, seconds in by_unit.get("s", {}).items()
-        for part in ("ns", "us", "ms")
-        if rest in by_unit.get(part, {})
-    ]
-
-
 def _measured_first(names: Sequence[str]) -> tuple[list[str], list[str]]:
     """Return the columns of measured, then those of commanded quantities."""
     commanded = [name for name in names if has_word(words_of_name(name), "commanded")]
@@ -330,32 +307,48 @@ def attitude_of(names: Sequence[str]) -> tuple[tuple[str, ...], str] | None:
 def _with_endings(
     names: Sequence[str], endings: Sequence[str], *, numbered: bool = False
 ) -> Iterator[tuple[str, ...]]:
-    """Yield columns that differ only by these words; q1 … q4 followed by q5 are joints.
+    """Yield columns that differ only by these words, the first column of each.
 
-    `numbered` words have the number of the target behind them, as in rx1, if it is the same of all.
+    `numbered` words have the number of the target behind them, as in rx1. Where several targets
+    have such columns none is that of all.
     """
-    beyond = {"q0": "q4", "q1": "q5"}.get(endings[0], "")
-    groups: dict[tuple[str, ...], dict[str, str]] = {}
+    # q1 … q4 that a q5 follows are joints, and no quaternion.
+    next_joint = {"q0": "q4", "q1": "q5"}.get(endings[0], "")
+    sought = {*endings, next_joint} - {""}
+    groups: dict[tuple[str, ...], dict[str, str]] = {}  # by the other words, then by the ending
     for name in names:
-        listed = words_of_name(name)
-        if numbered:
-            parted = (_NUMBERED_WORD.sub(r"\1 \2", word).split() for word in listed)
-            listed = tuple(itertools.chain.from_iterable(parted))
-        for k, word in enumerate(listed):
-            rest = (*listed[:k], *listed[k + 1 :])
-            if any(map(_AXIS.fullmatch, rest)):
-                continue  # x of a target that is called so
-            if word in (*endings, beyond):
-                groups.setdefault(rest, {}).setdefault(word, name)
-        if len(listed) >= 2 and listed[-2] + listed[-1] in (*endings, beyond):
-            groups.setdefault(tuple(listed[:-2]), {}).setdefault(listed[-2] + listed[-1], name)
+        words = _parted(words_of_name(name), _NUMBERED_WORD) if numbered else words_of_name(name)
+        for others, ending in _endings_of(words, sought):
+            groups.setdefault(others, {}).setdefault(ending, name)
     found = [
         tuple(group[ending] for ending in endings)
         for group in groups.values()
-        if beyond not in group and all(ending in group for ending in endings)
+        if next_joint not in group and group.keys() >= set(endings)
     ]
     if not numbered or len(found) == 1:
         yield from found
+
+
+def _endings_of(
+    words: tuple[str, ...], sought: Collection[str]
+) -> Iterator[tuple[tuple[str, ...], str]]:
+    """Yield the words of a name without an ending that is sought, and that ending.
+
+    It is a word anywhere beside which there is no x of a target, or the last two in one: rot x.
+    """
+    for k, word in enumerate(words):
+        others = (*words[:k], *words[k + 1 :])
+        if word in sought and not any(map(_AXIS.fullmatch, others)):
+            yield others, word
+    last_two = "".join(words[-2:])
+    if len(words) >= 2 and last_two in sought:
+        yield words[:-2], last_two
+
+
+def _parted(words: Sequence[str], numbered: re.Pattern[str]) -> tuple[str, ...]:
+    """Return words, those with a number behind as two: x1 as x and 1."""
+    parted = (numbered.sub(r"\1 \2", word).split() for word in words)
+    return tuple(itertools.chain.from_iterable(parted))
 
 
 def _by_axis(
@@ -371,8 +364,7 @@ def _by_axis(
     for name in names:
         listed = words_of_name(name)
         if numbered:
-            parted = (_NUMBERED_AXIS.sub(r"\1 \2", word).split() for word in listed)
-            listed = tuple(itertools.chain.from_iterable(parted))
+            listed = _parted(listed, _NUMBERED_AXIS)
         for k, word in enumerate(listed):
             found = re.fullmatch(f"[{letters}]", word) or (
                 _AXIS.fullmatch(word) if letters == "xyz" else None
@@ -475,13 +467,3 @@ def polar_columns(names: Sequence[str]) -> tuple[str, str, str] | None:
 def from_horizon(name: str) -> bool:
     """Return whether the name of a vertical angle says that it counts from the horizon."""
     return not _ELEVATION.isdisjoint(words_of_name(name))
-
-
-def with_polar(roles: Roles, names: Sequence[str]) -> Roles:
-    """Return roles in which polar readings are a position, where there is no other."""
-    taken = {*roles.joints, *roles.torques, *roles.uncertain.values()}
-    polar = polar_columns([name for name in names if name not in taken])
-    if roles.positions or polar is None:
-        return roles
-    single = {key: name for key, name in roles.single.items() if name not in polar}
-    return replace(roles, positions={"": polar}, attitude=None, single=single, polar=polar)

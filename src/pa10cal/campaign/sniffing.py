@@ -15,7 +15,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pa10cal.arrays import Array
-from pa10cal.campaign.column_names import MOST_LETTERS, canonical_unit, unit_alone
+from pa10cal.campaign.column_names import MOST_LETTERS, canonical_unit, parts_of_stamps, unit_alone
 from pa10cal.campaign.csv_rows import (
     MOST_COLUMNS,
     Layout,
@@ -25,7 +25,6 @@ from pa10cal.campaign.csv_rows import (
     too_many_columns,
 )
 from pa10cal.campaign.formats import Format, format_of_columns, format_of_file, table_lines
-from pa10cal.campaign.recognise import parts_of_stamps
 from pa10cal.campaign.text_lines import TextLine, binary_kind, encoding_of
 from pa10cal.errors import RawDataError
 
