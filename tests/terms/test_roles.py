@@ -113,7 +113,6 @@ def nodes_in(package):
 CLASSES_ASKED = {"terms": 0, "fit": 0, "calibration": 0, "evaluation": 0, "discovery": 1}
 
 
-@pytest.mark.slow_but_one_in(5)
 @pytest.mark.parametrize("package", CLASSES_ASKED)
 def test_terms_are_asked_what_they_do_and_not_of_which_class_they_are(package):
     asked = [

@@ -19,7 +19,6 @@ from pa10cal.rules import LACK
 from pa10cal.terms.effects.joint_error_map import JointErrorMap, is_error_map
 from pa10cal.terms.model import Model
 from pa10cal.terms.term import Term, shows_torque, yields
-from pa10cal.terms.weights import CampaignToolStated
 from pa10cal.terms.wrapped import OF
 
 #: Step of central differences of the terms by the joints [rad, m]: nine digits are right even for
@@ -165,10 +164,8 @@ class Forward:
 
         def moves(term: Term) -> bool:
             """Return whether a term moves the frame in the base."""
-            if not moves_robot(term):
+            if not moves_robot(term) or not term.moves_in(number):
                 return False
-            if isinstance(term, CampaignToolStated):
-                return term.campaign == number
             if on_tool:
                 return term not in tools.values() or term is tool_term
             # Positions of targets are constant in the flange, but move as the tool yields.

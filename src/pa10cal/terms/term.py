@@ -121,6 +121,10 @@ class InPredictions(Protocol):
         """
         return False
 
+    def moves_in(self, campaign: int) -> bool:
+        """Return whether it may move the robot in a campaign of a group, by its number from 0."""
+        return True
+
     def targets_derivative(self, states: PoseStates, x: Array) -> Array | None:
         """Return the derivative (P, t, k) by x of how it distorts the pattern of the targets.
 

@@ -388,6 +388,9 @@ class CampaignToolStated(ToolStated):
             if tool_kg
         )
 
+    def moves_in(self, campaign: int) -> bool:
+        return campaign == self.campaign
+
     def per_unit(self, states: PoseStates) -> Array:
         by_tool = super().per_unit(states)
         if states.campaign is None:
