@@ -12,8 +12,8 @@ from pa10cal.calibration.general.calibrate import calibrate_general, find_start
 from pa10cal.calibration.general.case import fitted, with_discrepancy
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.files.arms import load_arm
-from pa10cal.fit.by_weights import is_fitted_to_log, lost_without_log_mm
 from pa10cal.fit.loads import with_torques
+from pa10cal.fit.logged_torques import is_fitted_to_log, lost_without_log_mm
 from pa10cal.fit.weighed_arm import weighed_arm, weighed_model
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model

@@ -10,9 +10,9 @@ from scipy.spatial.transform import Rotation
 from pa10cal.arrays import Array, Mask
 from pa10cal.calibration.accuracy import summarise, summarise_by_load
 from pa10cal.discovery.preparation import MeasurementSetup, complete
-from pa10cal.fit.by_weights import is_fitted_to_log, under_weights
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import with_torques
+from pa10cal.fit.logged_torques import is_fitted_to_log, under_weights
 from pa10cal.observe.observations import Observations, average_repeats, measured_as_poses
 from pa10cal.observe.paths import HeldOutPlaces
 from pa10cal.results import evaluation as results

@@ -8,7 +8,7 @@ noise and parameters, are estimated as a function of the distance to the nearest
 Components count by how certainly noise lets their squares be known, since those of the noisiest
 would hide all others. Readings beyond the tails of the others count less, the farther they are: a
 gross error is no property of the model. Where torques were logged, what predictions lose without
-the log is added (`fit.by_weights`).
+the log is added (`fit.logged_torques`).
 """
 
 from __future__ import annotations
@@ -27,9 +27,8 @@ from scipy.spatial import cKDTree
 from pa10cal.arm.chain import BASE, end_pose_with_screws
 from pa10cal.arm.statics import Payload, PoseStates
 from pa10cal.arrays import Array, Index, Mask
-from pa10cal.fit.by_weights import lost_without_log_mm
 from pa10cal.fit.fitted import Fitted
-from pa10cal.fit.logged_torques import torque_scatter_Nm
+from pa10cal.fit.logged_torques import lost_without_log_mm, torque_scatter_Nm
 from pa10cal.fit.problem import GaussianPrior, Problem, Rows, possible_sizes
 from pa10cal.fit.repeatability import (
     along_noise_axes,

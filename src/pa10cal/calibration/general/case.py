@@ -23,7 +23,6 @@ from pa10cal.calibration.health import RIGID, health
 from pa10cal.calibration.load_case import LoadCase, base_parameters, case_keys, fit_keys
 from pa10cal.calibration.rules import GRADES, GROUPS, RECORDS
 from pa10cal.errors import CalibrationError
-from pa10cal.fit.by_weights import lost_without_log_mm
 from pa10cal.fit.discrepancy import (
     by_torque_noise_mm,
     by_uncertain_joints_mm,
@@ -33,6 +32,7 @@ from pa10cal.fit.discrepancy import (
 from pa10cal.fit.fitted import FittedTo
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import with_loads_read_by, with_torques
+from pa10cal.fit.logged_torques import lost_without_log_mm
 from pa10cal.fit.problem import Problem, not_identifiable
 from pa10cal.fit.robust_weights import suspect_beyond
 from pa10cal.fit.validity import angles_seen

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import chdtrc
@@ -20,7 +20,7 @@ from scipy.special import chdtrc
 from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Array, Index, Mask
 from pa10cal.calibration.accuracy import targets_seen
-from pa10cal.calibration.general.fit import reach_of
+from pa10cal.calibration.general.fit import GeneralSolution, reach_of
 from pa10cal.calibration.rules import GROUPS, UNKNOWNS
 from pa10cal.fit.loads import statics_of
 from pa10cal.fit.problem import Problem
@@ -85,32 +85,15 @@ class _Difference(NamedTuple):
         )
 
 
-class FitOfGroup(Protocol):
-    """Where a fit of k unknowns to P poses of b components ended."""
+class FitOfGroup(NamedTuple):
+    """Where another fit than a `GeneralSolution` ended: k unknowns, P poses of b components."""
 
-    @property
-    def x(self) -> Array:
-        """Return the unknowns, (k,)."""
-
-    @property
-    def at_bound(self) -> Mask:
-        """Return which unknowns are at the end of their range, (k,)."""
-
-    @property
-    def covariance(self) -> Array:
-        """Return the covariance of the unknowns, (k, k)."""
-
-    @property
-    def residual(self) -> Array:
-        """Return predicted less seen, (P, b)."""
-
-    @property
-    def weights(self) -> Array:
-        """Return the weights of the poses, (P,)."""
-
-    @property
-    def whitener(self) -> Array:
-        """Return what makes their errors independent, of unit variance, (P, b, b)."""
+    x: Array  # (k,) the unknowns
+    at_bound: Mask  # (k,) which of them are at the end of their range
+    covariance: Array  # (k, k) of the unknowns
+    residual: Array  # (P, b) predicted less seen
+    weights: Array  # (P,) of the poses
+    whitener: Array  # (P, b, b) makes their errors independent, of unit variance
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,13 +101,15 @@ class _Group:
     """The fit of a group of campaigns, linear in steps of its f free unknowns, in reaches."""
 
     problem: Problem
-    fit: FitOfGroup
+    fit: GeneralSolution | FitOfGroup
     payload: Payload | None  # what the arm carries, where its weight makes the torques of springs
     free: Index  # (f,) which unknowns are not at a bound
     shared: list[int]  # (s,) which of these belong to the robot, and so to every campaign
 
     @classmethod
-    def of(cls, problem: Problem, fit: FitOfGroup, payload: Payload | None) -> _Group:
+    def of(
+        cls, problem: Problem, fit: GeneralSolution | FitOfGroup, payload: Payload | None
+    ) -> _Group:
         free = np.flatnonzero(~fit.at_bound)
         base = {parameter.name for parameter in problem.model.terms[-1].parameters}
         names = [problem.parameters[k].name for k in free]
@@ -264,7 +249,7 @@ class _Group:
 
 
 def per_campaign_fits(
-    problem: Problem, fit: FitOfGroup, payload: Payload | None = None
+    problem: Problem, fit: GeneralSolution | FitOfGroup, payload: Payload | None = None
 ) -> records.GroupOfCampaigns | None:
     """Compare the campaigns of a group; None for a single campaign, or where nothing is shared.
 

@@ -16,7 +16,11 @@ import numpy as np
 from scipy.special import ndtr, stdtrit
 
 from pa10cal.arrays import Array, Index, Mask, rms
-from pa10cal.calibration.general.per_campaign import contradictions, per_campaign_fits
+from pa10cal.calibration.general.per_campaign import (
+    FitOfGroup,
+    contradictions,
+    per_campaign_fits,
+)
 from pa10cal.discovery.blocked_cv.refit import OneStep, Refit, one_step
 from pa10cal.discovery.blocked_cv.survey import Survey
 from pa10cal.discovery.model_with_effects import bounds_of_unknowns
@@ -63,17 +67,6 @@ def by_campaign(survey: Survey, found: Refit) -> tuple[records.EffectByCampaign,
     return tuple(_effect_by_campaign(effect, found, fits) for effect in found.effects)
 
 
-class _FitFound(NamedTuple):
-    """The fit with the effects found, as campaigns are compared about it; see `FitOfGroup`."""
-
-    x: Array
-    at_bound: Mask
-    covariance: Array
-    residual: Array
-    weights: Array
-    whitener: Array
-
-
 def contradictions_left(survey: Survey, found: Refit) -> tuple[records.InputFinding, ...] | None:
     """Return which campaigns contradict each other about a model with effects; None for no group.
 
@@ -84,7 +77,7 @@ def contradictions_left(survey: Survey, found: Refit) -> tuple[records.InputFind
     problem = Problem(at.model, np.arange(len(at.targets_m)), at.targets_m, at.T_instr_base, poses)
     bounds = bounds_of_unknowns(survey.baseline, at.model, poses.measured)
     at_end = (found.x <= bounds.lower) | (found.x >= bounds.upper)
-    fit = _FitFound(
+    fit = FitOfGroup(
         x=found.x,
         at_bound=at_end | (np.diag(found.covariance) <= 0.0),
         covariance=found.covariance,
