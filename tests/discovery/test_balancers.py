@@ -12,7 +12,7 @@ from pa10cal.arm.statics import Payload
 from pa10cal.discovery.gates import gated
 from pa10cal.fit.loads import statics_of
 from pa10cal.fit.uncertain_weights import link_ends, with_uncertain_weights
-from pa10cal.terms.effects.balancer import Balancer
+from pa10cal.terms.effects.structure import Balancer
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
 

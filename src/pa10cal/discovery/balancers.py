@@ -18,9 +18,9 @@ from pa10cal.discovery.refitted_verdict import fitted_instead, instead, with_fin
 from pa10cal.discovery.rules import EVIDENCE, NAMES, PROBABILITIES
 from pa10cal.discovery.verdict import Scorer, Verdict, with_unknown_cause
 from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.terms.effects.balancer import Balancer
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint import EncoderEccentricity, EncoderEllipticity, GearRatioError
+from pa10cal.terms.effects.structure import Balancer
 from pa10cal.terms.joint_spring import JointSpring, is_spring
 
 S = TypeVar("S", bound=Scorer)
