@@ -14,10 +14,10 @@ from pa10cal.discovery.blocked_cv.by_blocks import discover_by_blocks
 from pa10cal.discovery.gross_errors import moved_between_repeats
 from pa10cal.discovery.in_time import in_time_of
 from pa10cal.discovery.model_with_effects import with_base_motion
-from pa10cal.discovery.noise import same_circumstances
 from pa10cal.discovery.nuisances import NO_MOTION, Wander, motion_unexplained
 from pa10cal.discovery.pose_scatter import unweighted
 from pa10cal.discovery.preparation import Prepared
+from pa10cal.discovery.repeats import same_circumstances
 from pa10cal.terms.effects.effect import candidates
 
 # Where poses are repeated.

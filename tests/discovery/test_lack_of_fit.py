@@ -16,7 +16,7 @@ from pa10cal.discovery.evidence.search import evidence_about
 from pa10cal.discovery.finding import name_of
 from pa10cal.discovery.gap import errors_by_name
 from pa10cal.discovery.lack_of_fit import drift, mean, periodogram
-from pa10cal.discovery.noise import same_circumstances
+from pa10cal.discovery.repeats import same_circumstances
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.instrument import group_means
 from pa10cal.observe.observations import average_repeats

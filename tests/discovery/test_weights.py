@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from made_up_survey import ATTITUDE_RAD, POSITION_M, observe
-from pa10cal.discovery.noise import nearly_same, noise_of_near_poses
+from pa10cal.discovery.near_poses import nearly_same, noise_of_near_poses
 from pa10cal.discovery.pose_scatter import pose_weights, unweighted
 from pa10cal.discovery.position_errors import mean_norm
 from pa10cal.discovery.rules import NOISE

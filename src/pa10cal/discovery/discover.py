@@ -32,17 +32,13 @@ from pa10cal.discovery.log_faults import (
 from pa10cal.discovery.loose_targets import knocked_targets, loose_targets
 from pa10cal.discovery.model_with_effects import ModelWithEffects, with_base_motion
 from pa10cal.discovery.nameless import nameless_effects
+from pa10cal.discovery.near_poses import noise_of_near_poses
 from pa10cal.discovery.no_harm import limits, only_within, worse_than
-from pa10cal.discovery.noise import (
-    enough_repeats,
-    mean_covariance,
-    noise_of_near_poses,
-    repeated,
-)
 from pa10cal.discovery.position_errors import mean_noise_error_mm
 from pa10cal.discovery.preparation import MeasurementSetup, Prepared, complete, context_of, prepared
 from pa10cal.discovery.proposals import with_lines_named, with_proposals
 from pa10cal.discovery.refitted_verdict import without_names
+from pa10cal.discovery.repeats import enough_repeats, repeated
 from pa10cal.discovery.rules import JUDGING, NOISE
 from pa10cal.discovery.sessions import (
     changed_between_repeats,
@@ -62,6 +58,7 @@ from pa10cal.discovery.verdict import (
 from pa10cal.errors import CalibrationError, DiscoveryError
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.uncertain_weights import open_unknowns
+from pa10cal.numerics.covariances import mean_covariance
 from pa10cal.observe.observations import Observations, average_repeats, reading_groups
 from pa10cal.observe.time_order import measured_again
 from pa10cal.results.analysis import LackOfFit

@@ -34,7 +34,6 @@ from pa10cal.discovery.evidence.fit import covariance_of, targets_off_m
 from pa10cal.discovery.evidence.problem import prepare
 from pa10cal.discovery.finding import effect_parameters, is_named, label_of
 from pa10cal.discovery.model_with_effects import ModelWithEffects, held_unknowns, with_targets_off
-from pa10cal.discovery.noise import whitener_of
 from pa10cal.discovery.preparation import MeasurementSetup, Prepared, complete, prepared, setup_of
 from pa10cal.discovery.residual_candidates import gear_lines
 from pa10cal.discovery.rules import MAPS
@@ -46,6 +45,7 @@ from pa10cal.fit.model_reading import models_of
 from pa10cal.fit.model_writing import model_to_plain
 from pa10cal.fit.problem import Solution, identify, not_identifiable
 from pa10cal.fit.weighed_arm import weighed_model
+from pa10cal.numerics.covariances import whitener_of
 from pa10cal.observe.instrument import target_coordinates
 from pa10cal.observe.observations import Observations, average_repeats, reading_groups
 from pa10cal.observe.paths import HeldOutPlaces

@@ -17,12 +17,13 @@ from scipy.special import chdtri
 
 from pa10cal.arrays import Array, Index, Mask, rms
 from pa10cal.discovery.jacobians import ideal_by_joints
-from pa10cal.discovery.noise import noise_of_repeats, repeat_groups, whitener_of
 from pa10cal.discovery.pose_scatter import pose_weights
+from pa10cal.discovery.repeats import noise_of_repeats, repeat_groups
 from pa10cal.discovery.rules import NOISE, ROWS
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.tails import Tails, by_stated, components_seen, confirmed
+from pa10cal.numerics.covariances import whitener_of
 from pa10cal.observe.instrument import Instrument, group_means
 from pa10cal.observe.observations import Observations, average_groups
 from pa10cal.rules import SCATTER

@@ -19,7 +19,6 @@ import numpy as np
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index, Mask, rms
 from pa10cal.discovery import jacobians
-from pa10cal.discovery.noise import same_circumstances
 from pa10cal.discovery.nuisances import (
     NO_MOTION,
     Jump,
@@ -30,6 +29,7 @@ from pa10cal.discovery.nuisances import (
 )
 from pa10cal.discovery.position_errors import position_error_mm, position_noise_m2
 from pa10cal.discovery.preparation import why_unknown
+from pa10cal.discovery.repeats import same_circumstances
 from pa10cal.discovery.rules import CANDIDATES, MOTION, NOISE
 from pa10cal.discovery.target_wander import rows_in_time, target_wander
 from pa10cal.discovery.tuning import none_and_spaced

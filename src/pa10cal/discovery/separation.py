@@ -22,14 +22,16 @@ from pa10cal.discovery.evidence.noise_model import NoiseModel, SharedVariances
 from pa10cal.discovery.evidence.problem import EvidenceProblem, pose_noise_model, torque_noise_model
 from pa10cal.discovery.jacobians import ideal_by_joints
 from pa10cal.discovery.model_with_effects import ModelWithEffects
-from pa10cal.discovery.noise import Noise, same_circumstances, whitener_of
+from pa10cal.discovery.noise import Noise
 from pa10cal.discovery.nuisances import TimeFindings
 from pa10cal.discovery.preparation import complete
+from pa10cal.discovery.repeats import same_circumstances
 from pa10cal.discovery.rules import EVIDENCE
 from pa10cal.discovery.tuning import NEXT_POSES
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import statics_of, with_torques
+from pa10cal.numerics.covariances import whitener_of
 from pa10cal.numerics.pose_sets import Combined, SeparationCriterion
 from pa10cal.observe.instrument import Instrument, group_means
 from pa10cal.observe.observations import Observations

@@ -21,13 +21,14 @@ from pa10cal.calibration.general.refit_frames import refit_frames, with_tool_of
 from pa10cal.discovery.in_time import in_time_of
 from pa10cal.discovery.log_faults import steps_told
 from pa10cal.discovery.model_with_effects import with_base_motion
-from pa10cal.discovery.noise import enough_repeats, repeat_groups, whitener_of
 from pa10cal.discovery.nuisances import steps_in_time
 from pa10cal.discovery.pose_scatter import PoseWeights, pose_weights, scatter_of
 from pa10cal.discovery.preparation import MeasurementSetup, complete, context_of, sought
+from pa10cal.discovery.repeats import enough_repeats, repeat_groups
 from pa10cal.evaluation.model_errors import poses_for_model
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import with_torques
+from pa10cal.numerics.covariances import whitener_of
 from pa10cal.observe.observations import Observations, part_of, reading_groups
 from pa10cal.results.evaluation import PartOfCampaign
 from pa10cal.rules import COMPARED

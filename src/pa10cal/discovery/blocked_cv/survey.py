@@ -12,7 +12,8 @@ import numpy as np
 from pa10cal.arrays import Array, Index
 from pa10cal.discovery.changed import Change
 from pa10cal.discovery.joint_steps import JointSteps
-from pa10cal.discovery.noise import Noise, noise_of_near_poses, with_torque_noise
+from pa10cal.discovery.near_poses import noise_of_near_poses
+from pa10cal.discovery.noise import Noise, with_torque_noise
 from pa10cal.discovery.nuisances import AttitudeLag, Nuisance, Wander, attitude_lag
 from pa10cal.discovery.preparation import MeasurementSetup, Prepared, complete, context_of
 from pa10cal.discovery.rules import BLOCKS

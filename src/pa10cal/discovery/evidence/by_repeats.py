@@ -55,9 +55,9 @@ from pa10cal.discovery.jacobians import ideal_by_joints
 from pa10cal.discovery.joint_steps import JointSteps, joint_steps_of, likely_joint_steps
 from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit, pure_error_test
 from pa10cal.discovery.next_poses import separating_poses, unresolved_pairs
-from pa10cal.discovery.noise import same_circumstances, whitener_of
 from pa10cal.discovery.nuisances import TimeFindings, motion_unexplained
 from pa10cal.discovery.proof import needed_nats
+from pa10cal.discovery.repeats import same_circumstances
 from pa10cal.discovery.rules import EVIDENCE
 from pa10cal.discovery.short_forms import FormComparison
 from pa10cal.discovery.target_wander import in_words
@@ -66,6 +66,7 @@ from pa10cal.discovery.verdict import Plan, Scorer, Verdict
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.problem import possible_sizes
+from pa10cal.numerics.covariances import whitener_of
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.instrument import group_means
 from pa10cal.observe.observations import Observations, average_repeats, reading_groups

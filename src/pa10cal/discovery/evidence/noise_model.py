@@ -16,7 +16,8 @@ from scipy.sparse import csr_array
 
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index, Mask
-from pa10cal.discovery.noise import mean_covariance, same_circumstances
+from pa10cal.discovery.repeats import same_circumstances
+from pa10cal.numerics.covariances import mean_covariance
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.observations import Observations, average_groups
 
