@@ -17,11 +17,14 @@ from pa10cal.campaign.conventions import (
     STILL_WRONG,
     TIMES_EXPECTED,
     TIMES_NOISE,
+    better_convention,
     other_axes,
     puts_right,
     read_polar,
 )
 from pa10cal.campaign.joint_conventions import coupling_that_fits
+from pa10cal.campaign.own_columns import RotationColumns
+from pa10cal.campaign.raw_file import quaternions
 from pa10cal.campaign.read import read_campaign
 from pa10cal.errors import Pa10calError
 from pa10cal.files.arms import load_arm
@@ -111,6 +114,55 @@ def test_one_gross_reading_hides_neither_axes_nor_a_coupling():
     assert fits[0] == coupled
 
 
+@pytest.mark.parametrize("gross", [(), (7,), (3, 11, 20, 31)])
+def test_gross_orientations_hide_neither_axes_nor_a_convention(gross):
+    rng = np.random.default_rng(3)
+    T = Chain.of(load_arm("ur10")).forward(rng.uniform(-1.5, 1.5, (40, 6)))
+    base, tool, *others = Rotation.random(2 + len(gross), random_state=rng).as_matrix()
+    R, p_m = base @ T[:, :3, :3] @ tool, T[:, :3, 3] @ base.T + [0.4, -1.0, 2.0]
+    for row, other in zip(gross, others, strict=True):
+        R[row] = other
+    found = other_axes(T, p_m * [1, -1, 1], R)
+    assert found is not None
+    assert found.name == "x, -y, z in place of x, y, z"
+    angles = Rotation.from_matrix(R).as_euler("ZYX", degrees=True)
+    read = RotationColumns(names=("a", "b", "c"), convention="euler_XYZ", unit="deg")
+    seen = np.tile(np.eye(4), (40, 1, 1))
+    seen[:, :3, 3] = p_m
+    seen[:, :3, :3] = R
+    assert better_convention(T, seen, read.model_copy(update={"convention": "euler_ZYX"})) is None
+    seen[:, :3, :3] = Rotation.from_quat(quaternions(angles, read), scalar_first=True).as_matrix()
+    seen[9, :3, 3] += [0.0, 50.0, 0.0]  # one position, of another place altogether
+    other = better_convention(T, seen, read, "rotation")
+    assert other is not None
+    assert other.remedy == "set rotation.convention: euler_ZYX"
+
+
+def test_orientations_drawn_at_random_are_in_no_convention():
+    rng = np.random.default_rng(3)
+    T = Chain.of(load_arm("ur10")).forward(rng.uniform(-1.5, 1.5, (40, 6)))
+    seen = T.copy()
+    seen[:, :3, :3] = Rotation.random(40, random_state=rng).as_matrix()
+    assert better_convention(T, seen) is None
+    assert other_axes(T, seen[:, :3, 3] * [1, -1, 1], seen[:, :3, :3]) is None
+
+
+def test_rows_in_which_nothing_was_seen_say_nothing_of_units():
+    rng = np.random.default_rng(3)
+    T = Chain.of(load_arm("ur10")).forward(rng.uniform(-1.5, 1.5, (40, 6)))
+    p_m = T[:, :3, 3] + [3.0, 0.5, -0.2]
+    d_m = np.linalg.norm(p_m, axis=1)
+    hz, v = -np.arctan2(p_m[:, 1], p_m[:, 0]), np.arccos(p_m[:, 2] / d_m)
+    values = np.column_stack([hz, v, 1e3 * d_m])
+    values[:22] = 0.0
+    values[30] = [-9999.0, -9999.0, -9999.0]
+    for T_known in (None, T):
+        found = read_polar(values, ["deg", "rad", "gon", "mrad"], None, T_known, by_horizon=False)
+        assert (found.polar.unit, found.length) == ("rad", "mm")
+    nowhere = read_polar(np.zeros((40, 3)), ["deg"], None, T, by_horizon=False)
+    assert (nowhere.polar.unit, nowhere.median_m) == ("deg", None)
+
+
 def test_polar_readings_count_otherwise_than_named_only_where_the_arm_is_much_nearer():
     rng = np.random.default_rng(3)
     T = Chain.of(load_arm("ur10")).forward(rng.uniform(-1.5, 1.5, (40, 6)))
@@ -119,7 +171,7 @@ def test_polar_readings_count_otherwise_than_named_only_where_the_arm_is_much_ne
     hz, v = np.arctan2(p_m[:, 1], p_m[:, 0]), np.arcsin(p_m[:, 2] / d_m)
     values = np.column_stack([hz % (2.0 * np.pi) * 200.0 / np.pi, v * 200.0 / np.pi, d_m])
     values[::5] = 0.0  # nothing was seen
-    given = (["deg", "gon"], ["m"])
+    given = (["deg", "gon"], "m")
     found = read_polar(values, *given, T, by_horizon=False)
     counted = found.polar.unit, found.polar.horizontal, found.polar.vertical
     assert counted == ("gon", "counterclockwise", "horizon")

@@ -143,8 +143,8 @@ def _attitudes(checked: CheckedCampaign) -> InputFinding | None:
     return InputFinding(
         kind="attitude_convention",
         where=_columns_of_attitude(checked),
-        what=f"the orientations are {np.degrees(better.scatter_rad):.0f} deg off the nominal arm, "
-        f"and {np.degrees(better.would_leave_rad):.2g} deg if they are {better.name}",
+        what=f"the orientations are on average {np.degrees(better.off_rad):.0f} deg off the "
+        f"nominal arm, and {np.degrees(better.would_leave_rad):.2g} deg if they are {better.name}",
         remedy=better.remedy,
     )
 

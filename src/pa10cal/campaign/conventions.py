@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from pa10cal.arrays import Array, spread
 from pa10cal.campaign.column_map import ANGLES
-from pa10cal.campaign.nominal_fit import misfit_of, placed_at_least_distances, placed_by_points
+from pa10cal.campaign.nominal_fit import misfit_of, placed_at_least_distances
 from pa10cal.campaign.own_columns import Polar, RotationColumns
 from pa10cal.campaign.raw_file import polar_to_xyz, quaternions
 from pa10cal.frame.hand_eye import Located
@@ -36,16 +36,20 @@ EXPECTED_M, EXPECTED_RAD = 2e-3, float(np.radians(1.0))
 TIMES_EXPECTED, TIMES_NOISE = 5.0, 20.0
 #: In messages of a change that leaves more.
 STILL_WRONG = "which is better, and still wrong"
-#: Orientations agree with the nominal arm if their rms angle from it is below this.
+#: Orientations agree with the nominal arm if half of them are off by less than this angle.
 AGREES_RAD = TIMES_EXPECTED * EXPECTED_RAD
 #: Another convention must reduce the misfit by this factor.
 NEARER = 5.0
 #: Rows that a convention needs, and rows that are used, at most.
 ENOUGH, MOST = 6, 200
+#: Reweighted means towards the least sum of angles; angles below this weigh the same [rad].
+_MEANS, _ALIKE_RAD = 6, 1e-3
 #: Poses whose orientation is tried as that with which the others agree, at most.
 _STARTS = 10
 #: Rows of polar readings that are compared with the arm, at least.
 _POLAR_ROWS = 4
+#: Angles of up to so many turns are within one: software may count on over a full turn.
+_A_TURN = 1.05
 #: A factor of lengths is sought where it differs from 1 by at least this.
 _ANOTHER_SCALE = 0.01
 
@@ -65,7 +69,7 @@ class Convention:
 
     name: str  # what the columns seem to hold, in words
     remedy: str
-    scatter_rad: float  # rms angle from the nominal arm, base and target fitted, as read
+    off_rad: float  # mean angle from the nominal arm, base and target fitted, as read
     would_leave_rad: float  # the same in this convention
 
 
@@ -94,22 +98,18 @@ def better_convention(
     R_ee, R = modelled_attitudes(T_base_ee, T_instr_target[:, :3, 3]), T_instr_target[:, :3, :3]
     if R_ee is None:
         return None
-    as_read_rad = attitude_scatter(R_ee, R)
-    if as_read_rad < AGREES_RAD:
+    as_read = attitude_misfit(R_ee, R)
+    if as_read.rms_rad < AGREES_RAD:
         return None
     others = _of_the_contract(R) if stated is None else _of_own_columns(R, stated, key)
-    tried = [
-        Convention(
-            *(other.name, other.remedy, as_read_rad),
-            attitude_scatter(R_ee, _agreeing(R_ee, other.R)),
-        )
-        for other in others
-    ]
-    # Of equal scatters the first, which is the commonest convention.
-    best = min(tried, key=lambda other: round(other.would_leave_rad, 3), default=None)
-    if best is None or best.would_leave_rad > min(AGREES_RAD, as_read_rad / NEARER):
+    tried = [(other, attitude_misfit(R_ee, _agreeing(R_ee, other.R))) for other in others]
+    if not tried:
         return None
-    return best
+    # Of equal misfits the first, which is the commonest convention.
+    best, left = min(tried, key=lambda each: round(each[1].mean_rad, 3))
+    if left.median_rad > AGREES_RAD or NEARER * left.mean_rad > as_read.mean_rad:
+        return None
+    return Convention(best.name, best.remedy, as_read.mean_rad, left.mean_rad)
 
 
 class _Meant(NamedTuple):
@@ -290,13 +290,14 @@ def other_axes(T_base_ee: Array, p_m: Array, R: Array | None) -> OtherAxes | Non
         axes = np.diag(signs)[:, list(order)]
         # A rotation of the frame is one of the fitted base, so two fits serve all axes.
         if np.linalg.det(axes) > 0.0:
-            return _ChangedAxes(order, signs, read_m, attitude_scatter(axes @ R_read, R))
-        return _ChangedAxes(order, signs, mirrored_m, attitude_scatter(-axes @ R_mirrored, R))
+            return _ChangedAxes(order, signs, read_m, attitude_misfit(axes @ R_read, R))
+        return _ChangedAxes(order, signs, mirrored_m, attitude_misfit(-axes @ R_mirrored, R))
 
     every = product(permutations(range(3)), product((1.0, -1.0), repeat=3))
     as_read, *others = (changed(order, signs) for order, signs in every)
     best = min((as_read, *others), key=lambda axes: axes.rank)
-    if best is as_read or best.rms_rad > AGREES_RAD or as_read.total_m < NEARER * best.total_m:
+    agrees = best.attitudes.median_rad <= AGREES_RAD
+    if best is as_read or not agrees or as_read.total_m < NEARER * best.total_m:
         return None
     turned = tuple(column for column, k in enumerate(best.order) if best.signs[k] < 0.0)
     held = ", ".join(f"{'-' if best.signs[k] < 0.0 else ''}{'xyz'[k]}" for k in best.order)
@@ -317,19 +318,20 @@ class _ChangedAxes:
     order: tuple[int, ...]  # axis that each of the columns x, y, z holds
     signs: tuple[float, ...]  # of each axis, 1 or -1
     median_m: float  # median misfit of the positions
-    rms_rad: float  # rms angle of the orientations
+    attitudes: AttitudeMisfit  # of the orientations
 
     @property
     def total_m(self) -> float:
         """Return the misfit of positions and orientations together, angles times a usual lever."""
-        return self.median_m + FRAMES.lever_m * self.rms_rad
+        return self.median_m + FRAMES.lever_m * self.attitudes.mean_rad
 
     @property
     def rank(self) -> tuple[float, bool, int, float, float]:
         """Return what ranks axes: the misfit, whether some are exchanged, how many are reversed."""
         reversed_count = sum(sign < 0.0 for sign in self.signs)
         exchanged = self.order != (0, 1, 2)
-        return round(self.total_m, 3), exchanged, reversed_count, self.median_m, self.rms_rad
+        rounded_m, off_rad = round(self.total_m, 3), self.attitudes.mean_rad
+        return rounded_m, exchanged, reversed_count, self.median_m, off_rad
 
 
 @dataclass(frozen=True)
@@ -344,7 +346,7 @@ class PolarReading:
 def read_polar(
     values: Array,
     angles: Sequence[str],
-    lengths: Sequence[str],
+    length: str | None,
     T_base_ee: Array | None,
     *,
     by_horizon: bool,
@@ -358,17 +360,21 @@ def read_polar(
     Args:
         values: horizontal angle, vertical angle and distance.
         angles: possible units of the angles.
-        lengths: possible units of the distance.
+        length: unit of the distance; None for metres or millimetres, by its size.
         T_base_ee: the nominal end.
         by_horizon: whether the vertical angle is called one from the horizon.
     """
     usual = "horizon" if by_horizon else "zenith"
     turn = {unit: 360.0 / ANGLES[unit] for unit in angles}
-    largest = float(np.nanmax(np.abs(values[:, :2]), initial=0.0))
+    size = np.max(np.abs(values[:, :2]), axis=1, initial=0.0)
+    # Zeros, and angles of more than a turn in every unit, are no readings: none was seen.
+    seen = np.isfinite(values).all(axis=1) & (values[:, 2] != 0.0)
+    seen &= size <= _A_TURN * max(turn.values())
     units = ("rad", "deg", "gon", "mrad")
-    possible = [unit for unit in units if largest <= 1.05 * turn.get(unit, 0.0)] or list(angles)
-    far = float(np.nanmedian(values[:, 2])) if len(values) else 0.0
-    length = lengths[0] if len(lengths) == 1 else "mm" if far > 100.0 else "m"
+    largest = float(np.max(size[seen], initial=0.0))
+    possible = [unit for unit in units if unit in turn and largest <= _A_TURN * turn[unit]]
+    if length is None:
+        length = "mm" if seen.any() and np.median(values[seen, 2]) > 100.0 else "m"
 
     def counting(unit: str, horizontal: str, vertical: str) -> Polar:
         words = {"unit": unit, "horizontal": horizontal, "vertical": vertical}
@@ -377,8 +383,7 @@ def read_polar(
     by_name = counting(possible[0], "clockwise", usual)
     if T_base_ee is None:
         return PolarReading(by_name, length, None)
-    known = np.isfinite(values).all(axis=1) & np.isfinite(T_base_ee).all(axis=(1, 2))
-    rows = np.flatnonzero(known & (values[:, 2] != 0.0))  # without those in which none was seen
+    rows = np.flatnonzero(seen & np.isfinite(T_base_ee).all(axis=(1, 2)))
     rows = rows[spread(len(rows), MOST)]
     T_seen = T_base_ee[rows]
     found: dict[Polar, float] = {}
@@ -402,15 +407,42 @@ def modelled_attitudes(T_base_ee: Array, p_instr_m: Array) -> Array | None:
 
     The base is fitted to the positions (P, 3) of one target; None where they do not determine it.
     """
-    located = placed_by_points(T_base_ee, p_instr_m[:, None])
+    located = placed_at_least_distances(T_base_ee, p_instr_m[:, None])
     return None if located is None else located.T_instr_base[:3, :3] @ T_base_ee[:, :3, :3]
 
 
-def attitude_scatter(R_instr_ee: Array, R_instr_target: Array) -> float:
-    """Return the rms angle [rad] of orientations from R_instr_ee R_ee_target, which is fitted."""
+class AttitudeMisfit(NamedTuple):
+    """How far orientations are from the nominal arm's, the target's orientation on it fitted."""
+
+    off_rad: Array  # (P,) angle of each
+
+    @property
+    def rms_rad(self) -> float:
+        """Return the rms angle, which one gross error makes large."""
+        return float(np.sqrt(np.mean(self.off_rad**2)))
+
+    @property
+    def mean_rad(self) -> float:
+        """Return the mean angle, which what some of the orientations have wrong makes larger."""
+        return float(np.mean(self.off_rad))
+
+    @property
+    def median_rad(self) -> float:
+        """Return the angle of the middle one, which no gross error changes much."""
+        return float(np.median(self.off_rad))
+
+
+def attitude_misfit(R_instr_ee: Array, R_instr_target: Array) -> AttitudeMisfit:
+    """Return how far orientations (P, 3, 3) are from R_instr_ee R_ee_target.
+
+    R_ee_target is fitted for the least sum of angles, so that gross errors hardly count.
+    """
     R_ee_target = Rotation.from_matrix(np.swapaxes(R_instr_ee, 1, 2) @ R_instr_target)
-    off = (R_ee_target * R_ee_target.mean().inv()).magnitude()
-    return float(np.sqrt(np.mean(off**2)))
+    off_rad = np.ones(len(R_ee_target))
+    for _ in range(_MEANS):
+        mean = R_ee_target.mean(weights=1.0 / np.maximum(off_rad, _ALIKE_RAD))
+        off_rad = np.asarray((R_ee_target * mean.inv()).magnitude())
+    return AttitudeMisfit(off_rad)
 
 
 def attitudes_off_rad(measured: Instrument, T_base_ee: Array) -> float:

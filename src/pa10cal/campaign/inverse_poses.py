@@ -19,10 +19,10 @@ from pa10cal.campaign.conventions import (
     EXPECTED_M,
     MOST,
     NEARER,
-    attitude_scatter,
+    attitude_misfit,
     puts_right,
 )
-from pa10cal.campaign.nominal_fit import placed_by_points
+from pa10cal.campaign.nominal_fit import placed_at_least_distances
 from pa10cal.campaign.own_columns import Inverse, RotationColumns
 from pa10cal.campaign.raw_file import quaternions
 
@@ -94,13 +94,13 @@ def way_of_inverse_poses(
 
 
 def pose_misfit(T_base_ee: Array, p_m: Array, R: Array) -> tuple[float, float] | None:
-    """Return the median misfit [m] of positions and the rms angle [rad] of orientations.
+    """Return the median misfits of positions [m] and of orientations [rad].
 
     Base and target are fitted to the positions; None where these do not determine them.
     """
-    located = placed_by_points(T_base_ee, p_m[:, None])
+    located = placed_at_least_distances(T_base_ee, p_m[:, None])
     if located is None:
         return None
     off_m = np.linalg.norm(p_m - located.targets(T_base_ee)[:, 0, :3, 3], axis=1)
     R_ee = located.T_instr_base[:3, :3] @ T_base_ee[:, :3, :3]
-    return float(np.median(off_m)), attitude_scatter(R_ee, R)
+    return float(np.median(off_m)), attitude_misfit(R_ee, R).median_rad

@@ -27,7 +27,7 @@ from pa10cal.campaign.column_names import WORDS, coverage_of, plain, unit_of
 from pa10cal.campaign.conventions import (
     FOUR,
     THREE,
-    attitude_scatter,
+    attitude_misfit,
     modelled_attitudes,
     read_polar,
 )
@@ -54,7 +54,7 @@ from pa10cal.campaign.sniffing import JUDGED, Sniffed, time_columns
 from pa10cal.errors import RawDataError
 from pa10cal.frame.target_problem import scale_of_points
 
-#: Orientations agree with the nominal arm below this rms angle.
+#: Orientations agree with the nominal arm if half of them are off by less than this angle.
 AGREES_RAD = np.radians(3.0)
 #: Above this none is nearer than another, as of orientations drawn at random: names decide.
 _ALL_ALIKE_RAD = np.radians(90.0)
@@ -375,7 +375,7 @@ class ProposedColumns:
         found = read_polar(
             self.sniffed.columns(names),
             [angle] if angle else list(ANGLES),
-            [unit] if unit else ["m", "mm"],
+            unit,
             T_base_ee,
             by_horizon=from_horizon(names[1]),
         )
@@ -429,24 +429,25 @@ class ProposedColumns:
             return given | {"convention": convention} | angles | u
         words = {3: THREE, 4: FOUR, 9: ("matrix",)}[len(names)]
         ways = [given | {"convention": word} | angles for word in words]
-        tried = []  # scatter about the nominal arm, and the way of reading
+        tried = []  # misfit to the nominal arm, and the way of reading
         for way in (*ways, *(way | {"inverse": True} for way in ways)):
             quaternion = quaternions(values[some], RotationColumns.model_validate(way))
             R = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
-            tried.append((attitude_scatter(R_ee, R), way))
-        # Of equal scatters the first, which is the commonest convention.
-        scatter_rad, chosen = min(tried, key=lambda way: round(way[0], 3))
-        if scatter_rad > AGREES_RAD:
+            tried.append((attitude_misfit(R_ee, R), way))
+        # Of equal misfits the first, which is the commonest convention.
+        misfit, chosen = min(tried, key=lambda way: round(way[0].mean_rad, 3))
+        off_rad = misfit.median_rad
+        if off_rad > AGREES_RAD:
             inverse = [way | {"inverse": "pose"} for way in ways]
             of_pose = way_of_inverse_poses(T_base_ee[some], p_m[some], values[some], inverse)
             if of_pose is not None:
                 self.checks.append("rotation.inverse: pose: position too; only so the arm agrees")
                 return {**of_pose, **u}
-            if scatter_rad > _ALL_ALIKE_RAD:
+            if off_rad > _ALL_ALIKE_RAD:
                 chosen = given | {"convention": convention} | angles
             self.checks.append(
                 f"rotation.convention: none agrees with the nominal arm; the nearest is "
-                f"{np.degrees(scatter_rad):.1f} deg off: check it, the joints' order and signs"
+                f"{np.degrees(off_rad):.1f} deg off: check it, the joints' order and signs"
             )
         return chosen | u
 
