@@ -15,9 +15,13 @@ from pa10cal.discovery.blocked_cv.effect_set import Columns
 from pa10cal.discovery.blocked_cv.family import below_detection_limit, computable_shapes, family
 from pa10cal.discovery.blocked_cv.linear_fit import made_finer
 from pa10cal.discovery.blocked_cv.normal_equations import (
+    BlockEquations,
     in_map_bases,
+    inverse,
     map_columns,
     normal_equations_of,
+    solve,
+    solve_each,
 )
 from pa10cal.discovery.blocked_cv.search import Search
 from pa10cal.discovery.blocked_cv.survey import Survey, consecutive_blocks
@@ -27,6 +31,7 @@ from pa10cal.discovery.pose_scatter import unweighted
 from pa10cal.discovery.preparation import Prepared, why_few_angles
 from pa10cal.discovery.rules import BLOCKS
 from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.numerics.periodic_spline import b_splines_by_knots, harmonics_at_knots
 from pa10cal.terms.effects.joint import TorqueGain
 from pa10cal.terms.effects.joint_error_map import FadingPrior, JointErrorMap
@@ -107,6 +112,43 @@ def test_products_in_terms_of_other_parameters_are_those_of_turned_columns():
     np.testing.assert_allclose(found.gram, turned.T @ turned, atol=1e-10)
     np.testing.assert_allclose(found.projection, turned.T @ data, atol=1e-10)
     assert found.squares == pytest.approx(data @ data)
+
+
+def test_only_rows_that_are_all_zero_are_left_out():
+    """Of rows whose dense columns are zero, maps and data say what they say, few rows or many."""
+    rng = np.random.default_rng(3)
+    data, dense, splines = (rng.standard_normal(shape) for shape in (90, (90, 3), (90, 8)))
+    dense[:60], splines[:20], data[:20] = 0.0, 0.0, 0.0
+    every = np.hstack([dense, splines, data[:, None]])
+    found = normal_equations_of(data, dense, csr_array(splines))
+    np.testing.assert_allclose(found.products, every.T @ every, atol=1e-12)
+    found = normal_equations_of(data, dense[:, :0], csr_array(splines))
+    np.testing.assert_allclose(found.products, every[:, 3:].T @ every[:, 3:], atol=1e-12)
+
+
+def test_other_unknowns_of_maps_keep_what_was_integrated_out():
+    found = in_map_bases(Gaussian(np.eye(9), log_det=5.0), 0, [np.ones((8, 2))])
+    assert found.log_det == 5.0
+    with pytest.raises(AssertionError):
+        BlockEquations.empty(1, 2).put(0, found)
+
+
+def test_a_b_spline_that_is_no_column_has_to_be_zero():
+    by_angle, q_rad = np.ones((5, 3, 1)), np.linspace(0.0, 1.0, 5)[:, None]
+    with pytest.raises(AssertionError):
+        map_columns(by_angle, q_rad, [12], [np.arange(2)])
+
+
+def test_an_unknown_without_rows_and_prior_is_refused():
+    gram, prior = np.diag([2.0, 0.0]), np.diag([1.0, 0.0])
+    with pytest.raises(np.linalg.LinAlgError, match="neither rows nor a prior"):
+        solve(gram, np.ones(2), prior)
+    with pytest.raises(np.linalg.LinAlgError, match="neither rows nor a prior"):
+        inverse(gram + prior, prior)
+    with pytest.raises(np.linalg.LinAlgError, match="neither rows nor a prior"):
+        solve_each(gram[None], np.ones((1, 2)), np.diag(prior)[None])
+    none = np.zeros((0, 0))
+    assert (solve(none, np.zeros(0), none).shape, inverse(none, none).shape) == ((0,), (0, 0))
 
 
 def test_left_of_is_the_data_less_what_the_columns_say(rows):

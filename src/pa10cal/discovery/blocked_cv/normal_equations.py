@@ -31,21 +31,23 @@ def normal_equations_of(
 ) -> Gaussian:
     """Return the normal equations of data (R,) in dense columns (R, d), then B-splines (R, K).
 
-    With bases in the unknowns of these, see `in_map_bases`.
+    With bases of maps in other unknowns of these, see `in_map_bases`.
     """
+    if not bases:
+        return _in_coefficients(data, dense, splines)
+    if len(data) >= splines.shape[1]:
+        return in_map_bases(_in_coefficients(data, dense, splines), dense.shape[1], bases)
+    # The columns of few rows take less than the products of all coefficients.
+    stops = np.cumsum([0, *(len(basis) for basis in bases)])
+    places = zip(pairwise(stops), bases, strict=True)
+    turned = [splines[:, first:last] @ basis for (first, last), basis in places]
+    return Gaussian.of(np.hstack([dense, *turned]), data)
+
+
+def _in_coefficients(data: Array, dense: Array, splines: csr_array) -> Gaussian:
+    """Return the normal equations in dense columns, then the coefficients of all B-splines."""
     d, total = dense.shape[1], dense.shape[1] + splines.shape[1]
-    if bases and len(data) >= splines.shape[1]:
-        return in_map_bases(normal_equations_of(data, dense, splines), d, bases)
-    if bases:  # the columns of few rows take less than the products of all coefficients
-        stops = np.cumsum([0, *(len(basis) for basis in bases)])
-        places = zip(pairwise(stops), bases, strict=True)
-        turned = [splines[:, first:last] @ basis for (first, last), basis in places]
-        return Gaussian.of(np.hstack([dense, *turned]), data)
-    observed = np.asarray(dense.any(axis=1))
-    # Rows of zeros are components that other campaigns of a group have.
-    if np.count_nonzero(observed) < BLOCKS.seen_share * len(observed):
-        data, dense = data[observed], dense[observed]
-        splines = splines[np.flatnonzero(observed)]
+    data, dense, splines = _without_rows_of_zeros(data, dense, splines)
     products = np.empty((total + 1, total + 1))
     products[:d, :d] = dense.T @ dense
     products[d:-1, :d] = splines.T @ dense
@@ -54,6 +56,50 @@ def normal_equations_of(
     products[-1, :-1] = np.concatenate([dense.T @ data, splines.T @ data])
     products[:-1, -1], products[-1, -1] = products[-1, :-1], data @ data
     return Gaussian(products)
+
+
+def _without_rows_of_zeros(
+    data: Array, dense: Array, splines: csr_array
+) -> tuple[Array, Array, csr_array]:
+    """Return the rows without those of zeros, which add nothing, where these are many.
+
+    They are the components that only other campaigns of a group have.
+    """
+    kept = np.asarray(dense.any(axis=1))
+    if np.count_nonzero(kept) >= BLOCKS.seen_share * len(kept):
+        return data, dense, splines
+    rest = np.flatnonzero(~kept)
+    kept[rest] = (data[rest] != 0.0) | (abs(splines[rest]).sum(axis=1) > 0.0)
+    return data[kept], dense[kept], splines[np.flatnonzero(kept)]
+
+
+def in_map_bases(equations: Gaussian, dense_count: int, bases: Sequence[Array]) -> Gaussian:
+    """Return normal equations in other unknowns of the maps.
+
+    The unknowns are those of `dense_count` dense columns, then the B-spline coefficients of one map
+    after the other. Coefficients become basis (K, h) @ new unknowns (h,), map by map: the matrix of
+    all bases is block-diagonal, mostly zeros.
+    """
+    old_stops = dense_count + np.cumsum([0, *(len(basis) for basis in bases)])
+    new_stops = dense_count + np.cumsum([0, *(basis.shape[1] for basis in bases)])
+    maps = list(zip(bases, pairwise(old_stops), pairwise(new_stops), strict=True))
+    found = Gaussian(np.empty((new_stops[-1] + 1, new_stops[-1] + 1)), equations.log_det)
+    gram, projection = found.gram, found.projection
+    gram[:dense_count, :dense_count] = equations.gram[:dense_count, :dense_count]
+    projection[:dense_count] = equations.projection[:dense_count]
+    for k, (basis, (old, old_end), (new, new_end)) in enumerate(maps):
+        projection[new:new_end] = basis.T @ equations.projection[old:old_end]
+        # products of this map with itself and with all that stands before it
+        across = basis.T @ equations.gram[old:old_end, :old_end]
+        gram[new:new_end, :dense_count] = across[:, :dense_count]
+        for other_basis, (start, stop), (first, last) in maps[: k + 1]:
+            gram[new:new_end, first:last] = across[:, start:stop] @ other_basis
+        gram[:new, new:new_end] = gram[new:new_end, :new].T
+    found.products[-1, :-1], found.products[-1, -1] = projection, equations.squares
+    return found
+
+
+# What holds several: of two kinds of rows, and of all blocks.
 
 
 class ByKind(NamedTuple):
@@ -72,42 +118,20 @@ class ByKind(NamedTuple):
         return self.positions + self.others.times(weight**2)
 
 
-def in_map_bases(equations: Gaussian, dense_count: int, bases: Sequence[Array]) -> Gaussian:
-    """Return normal equations in other unknowns of the maps.
-
-    The unknowns are those of `dense_count` dense columns, then the B-spline coefficients of one map
-    after the other. Coefficients become basis (K, h) @ new unknowns (h,), map by map: the matrix of
-    all bases is block-diagonal, mostly zeros.
-    """
-    old_stops = dense_count + np.cumsum([0, *(len(basis) for basis in bases)])
-    new_stops = dense_count + np.cumsum([0, *(basis.shape[1] for basis in bases)])
-    maps = list(zip(bases, pairwise(old_stops), pairwise(new_stops), strict=True))
-    found = Gaussian(np.empty((new_stops[-1] + 1, new_stops[-1] + 1)))
-    gram, projection = found.gram, found.projection
-    gram[:dense_count, :dense_count] = equations.gram[:dense_count, :dense_count]
-    projection[:dense_count] = equations.projection[:dense_count]
-    for k, (basis, (old, old_end), (new, new_end)) in enumerate(maps):
-        projection[new:new_end] = basis.T @ equations.projection[old:old_end]
-        # products of this map with itself and with all that stands before it
-        across = basis.T @ equations.gram[old:old_end, :old_end]
-        gram[new:new_end, :dense_count] = across[:, :dense_count]
-        for other_basis, (start, stop), (first, last) in maps[: k + 1]:
-            gram[new:new_end, first:last] = across[:, start:stop] @ other_basis
-        gram[:new, new:new_end] = gram[new:new_end, :new].T
-    found.products[-1, :-1], found.products[-1, -1] = projection, equations.squares
-    return found
-
-
 @dataclass(frozen=True, eq=False)
 class BlockEquations:
-    """Normal equations in N columns of the rows of each of B blocks."""
+    """Normal equations in N columns of the rows of each of B blocks.
+
+    In arrays, for the search solves all blocks at once; fits hold a list of `Gaussian`.
+    """
 
     gram: Array  # (B, N, N) products of columns with columns
     projection: Array  # (B, N) products of columns with the data
     squares: Array  # (B,) sums of squares of the data
     # the same of position rows alone; None where all rows are of positions
     of_positions: BlockEquations | None = None
-    # (N,) prior precision that every block's gram contains in addition to its rows; None: none
+    # (N,) prior precision that every block's gram contains in addition to its rows, the B-th part
+    # of the prior, so that their sum contains all of it; None: none
     prior_precision: Array | None = None
 
     @classmethod
@@ -117,7 +141,8 @@ class BlockEquations:
         return cls(np.empty((*shape, columns)), np.empty(shape), np.empty(blocks))
 
     def put(self, block: int, equations: Gaussian) -> None:
-        """Set the equations of a block."""
+        """Set the equations of a block, of which nothing is integrated out."""
+        assert equations.log_det == 0.0
         self.gram[block], self.projection[block] = equations.gram, equations.projection
         self.squares[block] = equations.squares
 
@@ -136,6 +161,9 @@ def summed(blocks: Sequence[Gaussian]) -> Gaussian:
     return Gaussian(products, sum(each.log_det for each in blocks))
 
 
+# Columns of maps.
+
+
 def map_columns(
     by_angle: Array, q_rad: Array, knots: Sequence[int], touched: Sequence[Index] = ()
 ) -> csr_array:
@@ -145,7 +173,8 @@ def map_columns(
         by_angle: (P, b, j) derivative of the rows by the angle of each joint that has a map.
         q_rad: (P, j) these angles.
         knots: knots a turn of each map.
-        touched: the B-splines of each map that are columns, see `touched_by`; none for all.
+        touched: the B-splines of each map that are columns, see `touched_by`; none for all. All
+            others have to be zero at the angles.
     """
     count, components, joints = by_angle.shape
     rows = count * components
@@ -163,9 +192,10 @@ def map_columns(
     width = int(first[-1])
     if touched:
         chosen = np.concatenate([at + first[j] for j, at in enumerate(touched)])
-        number = np.zeros(width, dtype=columns.dtype)
+        number = np.full(width, -1, dtype=columns.dtype)
         number[chosen] = np.arange(len(chosen))
         columns, width = number[columns], len(chosen)
+        assert columns.min(initial=0) >= 0
     indices = np.broadcast_to(columns[:, None], data.shape)
     starts = np.arange(rows + 1) * _SUPPORT * joints
     return csr_array((data.ravel(), indices.ravel(), starts), shape=(rows, width))
@@ -179,32 +209,43 @@ def touched_by(q_rad: Array, knots: int) -> Index:
     return np.unique(b_splines(knots, q_rad).indices).astype(np.intp)
 
 
-# Solutions, scaled to a unit diagonal, with a way out where rounding makes a matrix indefinite.
+# Solutions, scaled to a unit diagonal, with a way out where rounding makes a matrix indefinite. A
+# gram is of rows alone; a precision contains the prior, too. The prior of unknowns expected about
+# zero is their precision, with a row of zeros for an unknown that rows alone determine.
 
 
 def solve(gram: Array, projection: Array, prior: Array) -> Array:
     """Return the unknowns (k,) or (k, m) that solve (gram + prior) x = projection.
 
-    The prior precision (k, k) is that of unknowns expected about zero.
+    Raises:
+        LinAlgError: when an unknown has neither rows nor a prior.
     """
-    normal = gram + prior
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), np.diag(prior)))
-    normal *= scale
-    normal *= scale[:, None]
-    _, solved, failed = dposv(normal.T, (projection.T * scale).T, overwrite_a=1)
+    precision = gram + prior
+    scale = _to_unit_diagonal(np.diag(precision), np.diag(prior))
+    if not len(scale):
+        return projection.copy()
+    precision *= scale
+    precision *= scale[:, None]
+    _, solved, failed = dposv(precision.T, (projection.T * scale).T, overwrite_a=1)
     if failed:
         return no_wider_than(gram + prior, prior) @ projection
     return np.asarray((solved.T * scale).T)
 
 
-def inverse(normal: Array, prior: Array) -> Array:
-    """Return the inverse (k, k) of normal equations that contain the prior precision (k, k)."""
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), np.diag(prior)))
-    scaled = normal * scale
+def inverse(precision: Array, prior: Array) -> Array:
+    """Return the covariance (k, k) of unknowns by their precision, which contains the prior's.
+
+    Raises:
+        LinAlgError: when an unknown has neither rows nor a prior.
+    """
+    scale = _to_unit_diagonal(np.diag(precision), np.diag(prior))
+    if not len(scale):
+        return precision.copy()
+    scaled = precision * scale
     scaled *= scale[:, None]
     factor, failed = dpotrf(scaled.T, overwrite_a=1)
     if failed:
-        return no_wider_than(normal, prior)
+        return no_wider_than(precision, prior)
     upper, _ = dpotri(factor, overwrite_c=1)  # zero below its diagonal
     upper *= scale
     upper *= scale[:, None]
@@ -213,39 +254,49 @@ def inverse(normal: Array, prior: Array) -> Array:
     return np.asarray(found)
 
 
-def solve_each(gram: Array, projection: Array, precision: Array) -> Array:
-    """Return the unknowns (m, k) of m systems (m, k, k) with diagonal prior precisions (m, k)."""
-    diagonal = np.arange(gram.shape[1])
-    normal = gram.copy()
-    normal[:, diagonal, diagonal] += precision
-    scale = 1.0 / np.sqrt(np.maximum(normal[:, diagonal, diagonal], precision))
-    normal *= scale[:, :, None] * scale[:, None, :]
-    try:
-        np.linalg.cholesky(normal)
-    except np.linalg.LinAlgError:  # at least one of them is indefinite
-        systems = zip(gram, projection, precision, strict=True)
-        return np.stack([solve(one, right, np.diag(prior)) for one, right, prior in systems])
-    solved = np.linalg.solve(normal, (scale * projection)[:, :, None])[:, :, 0]
-    return np.asarray(scale * solved)
-
-
 def inverse_of(gram: Array, sizes: Array) -> Array:
     """Return the covariance (k, k) of unknowns with standard deviations `sizes` (k,) expected."""
     prior = np.diag(sizes**-2.0)
     return inverse(gram + prior, prior)
 
 
-def no_wider_than(normal: Array, prior: Array) -> Array:
-    """Return the inverse of normal equations with no direction less certain than the prior.
+def solve_each(gram: Array, projection: Array, priors: Array) -> Array:
+    """Return the unknowns (m, k) of m systems (m, k, k) with diagonals of priors (m, k)."""
+    diagonal = np.arange(gram.shape[1])
+    precision = gram.copy()
+    precision[:, diagonal, diagonal] += priors
+    scale = _to_unit_diagonal(precision[:, diagonal, diagonal], priors)
+    precision *= scale[:, :, None] * scale[:, None, :]
+    try:
+        np.linalg.cholesky(precision)
+    except np.linalg.LinAlgError:  # at least one of them is indefinite
+        systems = zip(gram, projection, priors, strict=True)
+        return np.stack([solve(one, right, np.diag(prior)) for one, right, prior in systems])
+    solved = np.linalg.solve(precision, (scale * projection)[:, :, None])[:, :, 0]
+    return np.asarray(scale * solved)
 
-    The normal equations contain the prior precision (k, k), with a row of zeros for an unknown
-    without prior. Without rounding their eigenvalues in units of the prior are at least one.
+
+def _to_unit_diagonal(precision: Array, prior: Array) -> Array:
+    """Return what scales unknowns (..., k) to a unit diagonal of the precision, by the diagonals.
+
+    Rounding may leave less than the prior.
+    """
+    diagonal = np.maximum(precision, prior)
+    if np.any(diagonal == 0.0):
+        raise np.linalg.LinAlgError("an unknown has neither rows nor a prior")
+    return np.asarray(1.0 / np.sqrt(diagonal))
+
+
+def no_wider_than(precision: Array, prior: Array) -> Array:
+    """Return the inverse of a precision (k, k) with no direction less certain than the prior.
+
+    Without rounding the precision's eigenvalues in units of the prior are at least one.
     """
     bare = np.diag(prior) == 0.0
     root = np.linalg.cholesky(
-        prior + np.diag(np.where(bare, COMPUTING.least_precision * np.diag(normal), 0.0))
+        prior + np.diag(np.where(bare, COMPUTING.least_precision * np.diag(precision), 0.0))
     )
-    within = np.linalg.solve(root, np.linalg.solve(root, normal).T)
+    within = np.linalg.solve(root, np.linalg.solve(root, precision).T)
     values, vectors = np.linalg.eigh(0.5 * (within + within.T))
     vectors = np.linalg.solve(root.T, vectors)
     return np.asarray((vectors / np.maximum(values, 1.0)) @ vectors.T)
