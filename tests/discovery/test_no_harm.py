@@ -109,6 +109,26 @@ def test_a_name_is_contradicted_by_errors_beyond_its_uncertainty(eccentric, fact
     assert any("held-out poses contradict it" in why for why in reasons) == contradicted
 
 
+@pytest.mark.parametrize(("noises", "contradicted"), [(1.6, False), (6.0, True)])
+def test_one_pose_in_a_gap_of_the_fit_contradicts_a_name_by_more_than_chance(
+    eccentric, noises, contradicted
+):
+    """An error of 1.6 times the noise is of one pose in twenty, whatever the model."""
+    found, rows = with_errors(eccentric.discovery, 1.0, 1)
+    gap = found.holdout
+    noise_mm = np.full(len(rows), gap.noise_rms_mm)
+    before = replace(gap.found_before, distance_mm=noise_mm)
+    after = replace(gap.found_after, distance_mm=noises * noise_mm)
+    held_out = replace(
+        gap,
+        found_before=gap.found_before.replaced_where(rows, before),
+        found_after=gap.found_after.replaced_where(rows, after),
+    )
+    judged = harmless(replace(found, holdout=held_out))
+    assert (judged.effects == ()) == contradicted
+    assert judged.falls_back is None
+
+
 @pytest.mark.parametrize(("factor", "left"), [(0.5, 1), (1.0, 2), (2.0, 2)])
 def test_a_name_without_which_held_out_poses_do_better_goes(monkeypatch, eccentric, factor, left):
     """Of two names, where without the second errors are those with it times a factor."""

@@ -13,6 +13,7 @@ from dataclasses import replace
 from typing import NamedTuple, TypeVar
 
 import numpy as np
+from scipy.stats import chi2
 
 from pa10cal.arrays import Mask
 from pa10cal.calibration.accuracy import summarise
@@ -94,6 +95,8 @@ def limits(found: Verdict) -> FallBack | None:
         return next((harm for rows in judged if (harm := _harm(gap, rows)) is not None), None)
 
     harm_outside = _harm(held_out, outside)
+    if harm_outside is not None and _by_chance(found, held_out, outside):
+        harm_outside = None
     harm = first_harm(held_out) or harm_outside
     if harm is None:
         return None
@@ -158,7 +161,7 @@ def _contradiction(found: Verdict, visited: AngleCoverage) -> tuple[Mask, Before
         harm = _harm(held_out, rows)
         if harm is None or not _is_over(NAMES.much_worse_ratio, harm):
             continue
-        if _beyond_uncertainty(found, held_out, rows):
+        if _is_beyond(NAMES.contradicted_ratio, found, held_out, rows):
             return rows, harm
     return None
 
@@ -313,19 +316,30 @@ def _is_over(factor: float, harm: BeforeAfter) -> bool:
     return after.mean_mm > factor * before.mean_mm or after.rms_mm > factor * before.rms_mm
 
 
-def _beyond_uncertainty(found: Verdict, gap: PairedErrors, rows: Mask) -> bool:
+def _by_chance(found: Verdict, gap: PairedErrors, rows: Mask) -> bool:
+    """Return whether poses may be predicted worse by chance, as one or two in gaps of the fit."""
+    compared = _compare(gap, rows)
+    surely = compared is not None and compared.surely
+    return not surely and not _is_beyond(1.0, found, gap, rows)
+
+
+def _is_beyond(ratio: float, found: Verdict, gap: PairedErrors, rows: Mask) -> bool:
     """Return whether errors exceed what noise and the uncertainty of the model explain.
 
-    The scatter of single poses replaces the noise where it is known.
+    By a ratio at least, and where poses are few by more than chance allows. The scatter of single
+    poses replaces the noise where it is known.
     """
     poses = gap.poses.take(rows)
     jacobian = residual_and_jacobian(found.extended.at, poses)[1]
     covariance = found.covariance[: jacobian.shape[2], : jacobian.shape[2]]
     spread = jacobian @ covariance @ np.swapaxes(jacobian, 1, 2)
-    floor_mm = gap.noise_floor_mm
+    floor_mm = gap.noise_rms_mm
     if (scatter := found.scorer.scatter) is not None:
         spread, floor_mm = spread + scatter.covariance(found.extended.at, poses), 0.0
     variance = np.trace(position_noise_m2(poses.measured, spread), axis1=1, axis2=2)
     expected_mm = np.hypot(floor_mm, 1e3 * np.sqrt(variance.mean()))
+    # The error of a pose has no more than three independent components, however many targets.
+    components = len(poses) * min(3, len(poses.measured.position_columns))
+    by_chance = np.sqrt(chi2.isf(found.error_rate, components) / components)
     after_mm = summarise(gap.found_after, rows).rms_mm
-    return bool(after_mm > NAMES.contradicted_ratio * expected_mm)
+    return bool(after_mm > max(ratio, by_chance) * expected_mm)

@@ -348,6 +348,7 @@ class SimulatedCmmSquareness(effect.SimulatedEffect):
 
     id = "cmm_squareness"
     places = ("instrument",)
+    without_axes = SimulatedRangeConstant
     usual = effect.draws(xy=effect.signed(5e-5))
     plausible_size = 2.0
 
