@@ -95,12 +95,15 @@ class Surveyed:
         return Prepared(self.readings, held_out, self.baseline, self.setup, "masses", False)
 
 
-def measured(hidden=Hidden(), seed=20080427, poses=POSES, held_out=HELD_OUT):
-    """Let the cell measure a UR10, and return the campaign, its orientations twisted."""
+def measured(hidden=Hidden(), seed=20080427, poses=POSES, held_out=HELD_OUT, moved=np.asarray):
+    """Let the cell measure a UR10, and return the campaign, its orientations twisted.
+
+    The poses are uniform over the joints' angles, then `moved`: a function of angles (P, 6) [rad].
+    """
     count = poses + held_out
-    q_deg = np.degrees(np.random.default_rng(seed).uniform(LOW_RAD, HIGH_RAD, (count, 6)))
+    q_rad = moved(np.random.default_rng(seed).uniform(LOW_RAD, HIGH_RAD, (count, 6)))
     plan = TrackerOptions(
-        commanded=q_deg.tolist(),
+        commanded=np.degrees(q_rad).tolist(),
         holdout_share=held_out / count,
         seconds_a_pose=60.0,
         target_m=0.0,
@@ -133,10 +136,10 @@ class _Came:
 
 
 def observe(
-    hidden=Hidden(), seed=20080427, poses=POSES, held_out=HELD_OUT, springs=False
+    hidden=Hidden(), seed=20080427, poses=POSES, held_out=HELD_OUT, springs=False, moved=np.asarray
 ) -> Surveyed:
     """Let the cell measure a UR10 of rigid joints, and calibrate it; with springs if these help."""
-    made = measured(hidden, seed, poses, held_out)
+    made = measured(hidden, seed, poses, held_out, moved)
     every, _ = with_arrivals(observations_of(made), ARM)
     payload = payload_of_individual(made.truth.robot)
     fit = every.take(slice(poses))

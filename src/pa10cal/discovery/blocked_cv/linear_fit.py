@@ -74,13 +74,17 @@ def linear_fit(rows: BlockedRows, members: tuple[ShapedEffect, ...]) -> LinearFi
 
 
 def refine_maps(rows: BlockedRows, members: tuple[ShapedEffect, ...]) -> LinearFit:
-    """Fit members, with the finest maps of the search made finer while held-out blocks gain."""
+    """Fit members, with the finest maps of the search made finer while held-out blocks gain.
+
+    A gain is one of more than a standard error of the blocks. A map whose joint took too few angles
+    for so many knots keeps those that it has, while others go on.
+    """
     rows = rows.with_effects_of(members)  # once: their designs are kept
     best, squares = _fit_and_held_out_squares(rows, members)
     for knots in MAPS.finer_knots:
-        finer = tuple(made_finer(rows, member, knots) for member in members)
+        finer = tuple(made_finer(rows, member, knots) for member in best.members)
         if finer == best.members:
-            break
+            continue
         ahead, finer_squares = _fit_and_held_out_squares(rows, finer)
         if as_good(squares, finer_squares):
             break
@@ -148,17 +152,13 @@ def linear_fit_of(
     equations: Gaussian, rows: BlockedRows, members: tuple[ShapedEffect, ...]
 ) -> LinearFit:
     """Fit members by the normal equations of all blocks, in columns as `LinearFit` has them."""
-    factors = [b_splines_by_knots(each.knots) @ each.prior_factor for each in maps_among(members)]
     touched = rows.touched(*joints_and_knots(members))
-    # By R of the touched coefficients' factor their prior covariance is R^T R.
-    parts = [np.linalg.qr(factor[at].T) for factor, at in zip(factors, touched, strict=True)]
-    inverses = [np.linalg.inv(R) for _, R in parts]
-    by_touched = tuple(
-        factor @ Q @ inverse.T
-        for factor, (Q, _), inverse in zip(factors, parts, inverses, strict=True)
-    )
+    priors = [
+        _prior_by_touched(each, at) for each, at in zip(maps_among(members), touched, strict=True)
+    ]
+    by_touched = tuple(prior.expected_by_touched for prior in priors)
     dense_count = equations.unknowns - sum(map(len, touched))
-    prior = block_diag(np.eye(dense_count), *(inverse @ inverse.T for inverse in inverses))
+    prior = block_diag(np.eye(dense_count), *(prior.precision_of_touched for prior in priors))
     stops = dense_count + np.cumsum([0, *map(len, touched)])
     of_maps = [np.arange(first, last) for first, last in pairwise(stops)]
     of_effects = rows.with_effects_of(members).columns_of_effects()
@@ -167,6 +167,26 @@ def linear_fit_of(
         own_kind = of_maps if is_error_map(member.effect) else of_effects
         columns.append(own_kind.pop(0))
     return LinearFit(members, equations, prior, tuple(columns), by_touched)
+
+
+class _PriorByTouched(NamedTuple):
+    """What a map's prior says of its K coefficients, where poses touch v of their B-splines."""
+
+    precision_of_touched: Array  # (v, v)
+    expected_by_touched: Array  # (K, v): all coefficients that are expected, by those touched
+
+
+def _prior_by_touched(error_map: JointErrorMap, touched: Index) -> _PriorByTouched:
+    """Return the prior of a map by its touched coefficients.
+
+    With the factor F of all coefficients' prior covariance F F^T, and F_t of the touched ones, let
+    F_t^T = Q R. The covariance of the touched ones is R^T R, that of all with them F Q R, and so
+    the expected ones are F Q R (R^T R)^-1 = F Q R^-T by the touched.
+    """
+    F = b_splines_by_knots(error_map.knots) @ error_map.prior_factor
+    Q, R = np.linalg.qr(F[touched].T)
+    R_inverse = np.linalg.inv(R)
+    return _PriorByTouched(R_inverse @ R_inverse.T, F @ Q @ R_inverse.T)
 
 
 def _equations_by_block(rows: BlockedRows, members: tuple[ShapedEffect, ...]) -> list[Gaussian]:
@@ -206,9 +226,12 @@ def _parameters(shaped: ShapedEffect, amounts: Array) -> Array:
 
 
 def made_finer(rows: BlockedRows, member: ShapedEffect, knots: int) -> ShapedEffect:
-    """Return a map as fine as the finest of the search with more knots, if the angles suffice."""
+    """Return a map as fine as the finest of the search with more knots, if the angles suffice.
+
+    Any other effect, and a map that has so many knots, is returned as it is.
+    """
     effect = member.effect
-    if not is_error_map(effect) or effect.knots < MAPS.spacings[-1][0]:
+    if not is_error_map(effect) or not MAPS.spacings[-1][0] <= effect.knots < knots:
         return member
     finer = with_form(member, knots)
     too_few = why_few_angles(finer.effect, rows.survey.poses.states)
