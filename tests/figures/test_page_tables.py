@@ -8,14 +8,15 @@ import pytest
 from pa10cal.figures.campaign.residuals import tabulate_suspected_outliers
 from pa10cal.figures.draw import draw_all, of_campaign
 from pa10cal.figures.table import write_table
-from pa10cal.reports.accuracy import accuracy, parameters, reductions_grid
-from pa10cal.reports.blocks import Callout, Grid, Items
+from pa10cal.reports.accuracy import accuracy, reductions_grid
+from pa10cal.reports.blocks import Callout, Grid, Items, Paragraph
 from pa10cal.reports.errors import errors_of
 from pa10cal.reports.formatting import with_interval
 from pa10cal.reports.measured import measurement_section
 from pa10cal.reports.missing import missing, number_needed, poses_in_words
 from pa10cal.reports.outcome import verdict
 from pa10cal.reports.page import SECTIONS
+from pa10cal.reports.parameters import parameters
 from pa10cal.reports.render import images
 from pa10cal.reports.results_bundle import ResultsBundle
 from pa10cal.reports.trust import trust
@@ -59,6 +60,19 @@ class TestParameters:
 
         found = lines(parameters, changed_from(sighted["pose"], COMBINED, rigid))
         assert "| K_lin_2 | rigid | kN m/rad | – | at the end of its physical range |" in found
+
+    def test_what_campaigns_of_a_group_say_of_a_spring_is_of_its_windup(
+        self, changed_from, sighted
+    ):
+        worst = {"name": "windup_4", "unit": "rad", "value": 3.05e-3, "std": 3.3e-4}
+        campaign = {"poses": 5, "rms_mm": 0.1, "alone_rms_mm": 0.09, "chi_square": 3.0, "dof": 2.0}
+        campaign |= {"p_value": 0.3, "contradicts": False, "worst": worst | {"chi_square": 1.0}}
+        shared = {"unit": "rad", "std": 1.4e-4, "std_alone": {"a": 2e-4}, "determined_by": ["a"]}
+        group = {"campaigns": {"a": campaign}, "parameters": {"windup_4": shared}}
+        results = changed_from(sighted["pose"], COMBINED, lambda r: r.update(group=group))
+        found = lines(parameters, results)
+        assert "| windup 4 | mrad | 0.1400 | 0.2000 | a |" in found
+        assert any("| windup 4: 3.05 ± 0.33 mrad |" in line for line in found)
 
 
 class TestSuspectedOutliers:
@@ -112,6 +126,18 @@ class TestAccuracy:
         models = sighted["points"].held_out.models
         assert models["extended"] == models["linear"]
         assert "extended" not in {each.name for each in errors_of(sighted["points"])}
+
+    def test_says_what_was_done_with_held_out_poses_and_effects_that_there_are(
+        self, sighted, learnt
+    ):
+        def about(results):
+            return next(block.text for block in accuracy(results) if isinstance(block, Paragraph))
+
+        assert learnt.verdict.effects
+        assert not sighted["pose"].verdict.effects
+        assert "fitted anew" in about(learnt)
+        assert "fitted anew" not in about(sighted["pose"])
+        assert "taken back where it makes them worse" in about(sighted["pose"])
 
     def test_what_is_extrapolated_stands_apart(self, learnt):
         extended = learnt.held_out.models["extended"]

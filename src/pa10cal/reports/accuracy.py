@@ -1,21 +1,15 @@
-"""Sections of the page: errors before and after, parameters, ISO 9283."""
+"""Sections of the page: errors of every model; accuracy and repeatability after ISO 9283."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 
 from pa10cal.reports import formatting, pictures
 from pa10cal.reports.blocks import Callout, Grid, PageBlock, Paragraph, SideBySide, folded, grid
 from pa10cal.reports.errors import ALL, FITTED, HELD_OUT, ModelErrors, errors_of, model_titles
 from pa10cal.reports.results_bundle import ResultsBundle
-from pa10cal.results.calibration import (
-    ASSUMED,
-    CalibrationRecord,
-    GeneralCalibrationRecord,
-    GroupOfCampaigns,
-)
 from pa10cal.results.discovery import VerdictRecord
-from pa10cal.results.evaluation import Iso9283Record, Parameter
+from pa10cal.results.evaluation import Iso9283Record
 
 
 def accuracy(results: ResultsBundle) -> Iterator[PageBlock]:
@@ -24,11 +18,7 @@ def accuracy(results: ResultsBundle) -> Iterator[PageBlock]:
     if not every:
         yield Callout("missing", results.absent["calibration"])
         return
-    yield Paragraph(
-        f"{'' if results.words is None else f'{results.words.of} '}"
-        "Repeats of a configuration are averaged. Held-out poses are used for evaluation only. "
-        "With the effects found, all parameters are fitted anew."
-    )
+    yield Paragraph(" ".join(_about_errors(results)))
     title = "Errors of every model"
     yield _errors_grid(title, [errors for errors in every if errors.load == ALL])
     by_load = [errors for errors in every if errors.load != ALL]
@@ -54,6 +44,20 @@ def accuracy(results: ResultsBundle) -> Iterator[PageBlock]:
             f"{formatting.floor_is(record.gap).capitalize()} alone would leave a mean error of "
             f"{formatting.mm(record.gap.noise_floor_mm)} mm in the poses fitted."
         )
+
+
+def _about_errors(results: ResultsBundle) -> Iterator[str]:
+    """Yield the sentences that say of what the errors are."""
+    if results.words is not None:
+        yield results.words.of
+    yield "Repeats of a configuration are averaged."
+    if results.held_out is not None and results.held_out.models:
+        yield (
+            "Held-out poses are in no fit; by them models are evaluated, and what the search finds "
+            "is taken back where it makes them worse."
+        )
+    if results.verdict is not None and results.verdict.effects:
+        yield "With the effects found, all parameters are fitted anew."
 
 
 def _errors_grid(title: str, every: Iterable[ModelErrors]) -> Grid:
@@ -98,159 +102,6 @@ def reductions_grid(record: VerdictRecord) -> Grid:
     )
 
 
-# Parameters of the final model, with intervals.
-
-#: Part of a weight's name; of more weights that are not identifiable only the number is shown.
-_WEIGHTS, _MOST_WEIGHTS = "weight_", 4
-#: Tables of parameters: title, and how the names of its parameters begin.
-_GROUPS = (
-    ("Links: departures from the arm's description", ("delta_",)),
-    ("Springs of the joints", ("K_", "compliance_", "cubic_share_", "windup_")),
-    ("Tool or targets, in the end-effector frame", ("tool_", "target_")),
-    ("Base frame in the instrument's frame", ("base_", "gamma_")),
-    ("Others", ("",)),
-)
-
-
-def parameters(results: ResultsBundle, case: CalibrationRecord) -> Iterator[PageBlock]:
-    """Yield the parameters of the model that is exported."""
-    shown: Mapping[str, Parameter] = case.parameters
-    model = "calibrated model"
-    if results.extended is not None and results.extended.adds_parameters:
-        shown = results.extended.parameters
-        model = (
-            "model with the effects found" if results.extended.named else "model with the weights"
-        )
-    yield Paragraph(
-        f"Parameters of the {model}, with 95 % intervals. An interval includes the noise of the "
-        "measurement, but no effect that the model lacks. A tolerance is the deviation expected of "
-        "a maker."
-    )
-    weights = [name for name, of in shown.items() if _WEIGHTS in name and not of.identifiable]
-    if len(weights) > _MOST_WEIGHTS:
-        shown = {name: parameter for name, parameter in shown.items() if name not in weights}
-        near = "the described values, within the usual error of a description"
-        if (origin := case.weights_from) in ASSUMED:
-            near = f"those assumed from {ASSUMED[origin]}, as nobody stated them"
-        yield Paragraph(
-            f"Weights: {len(weights)} departures of masses, of their moments and of the "
-            f"base's level stay near {near}. The fitted poses do not identify them."
-        )
-    remaining = dict(shown)
-    for title, beginnings in _GROUPS:
-        names = [name for name in remaining if name.startswith(beginnings)]
-        yield grid(
-            title,
-            "parameter | value, 95 % interval | unit | tolerance | remark",
-            [_parameter_row(name, remaining.pop(name)) for name in names],
-        )
-    if isinstance(case, GeneralCalibrationRecord):
-        yield folded(_redundant_grid(case))
-        if case.group is not None:
-            yield from _campaign_grids(case.group)
-    with_effects = results.analysis is not None and bool(results.analysis.effects)
-    yield folded(_shifts_grid(case, shown if with_effects else {}))
-
-
-def _redundant_grid(case: GeneralCalibrationRecord) -> Grid:
-    """Return a table of the redundant parameters, and of those that stand for each."""
-    rows = []
-    for entry in case.redundant:
-        parts = [
-            f"{factor:.4g} × {formatting.display_name(name)}"
-            for name, factor in entry.replaced_by.items()
-        ]
-        same = " + ".join(parts).replace("+ -", "− ")
-        rows.append((formatting.display_name(entry.name), same or "nothing: it has no effect"))
-    return grid("Omitted: redundant parameters", "omitted | the same as", rows)
-
-
-def _shifts_grid(case: CalibrationRecord, with_effects: Mapping[str, Parameter]) -> Grid:
-    """Return a table of the parameters that effects have shifted, by most uncertainties first."""
-    shifts = []
-    for name, after in with_effects.items():
-        # Weights are unknowns of the search alone: without it they are as described.
-        before = case.parameters[name].value if name in case.parameters else 0.0
-        if not (after.identifiable and after.std and before != after.value):
-            continue
-        unit, scale = formatting.shown_in(after.unit, after.value)
-        if name.startswith("K_") and after.std > abs(after.value):
-            continue  # the joint may as well be rigid
-        change = (after.value - before) / (after.tolerance or abs(before) or 1.0)
-        by = f"{change:+.2f} tolerances" if after.tolerance else f"{100 * change:+.1f} %"
-        value = formatting.parameter_with_interval(name, scale * after.value, scale * after.std)
-        row = (formatting.display_name(name), f"{scale * before:.4g}", value, unit, by)
-        shifts.append((abs(after.value - before) / after.std, row))
-    shifts.sort(key=lambda shift: -shift[0])
-    return grid(
-        "Parameters that had absorbed part of the effects",
-        "parameter | without the effects | with them, 95 % interval | unit | change",
-        [row for _, row in shifts],
-    )
-
-
-def _parameter_row(name: str, parameter: Parameter) -> tuple[str, ...]:
-    unit, scale = formatting.shown_in(parameter.unit, parameter.value)
-    tolerance, std = formatting.NOT_KNOWN, None
-    if parameter.tolerance is not None:
-        tolerance = f"{scale * parameter.tolerance:g}"
-    if parameter.std is not None:
-        std = scale * parameter.std
-    value, remark = formatting.parameter_with_interval(name, scale * parameter.value, std), ""
-    if not parameter.identifiable:
-        value, remark = formatting.NOT_KNOWN, "not identifiable from these poses"
-    elif getattr(parameter, "at_bound", False):
-        value = "rigid" if name.startswith("K_lin") else f"{scale * parameter.value:.4g}"
-        remark = "at the end of its physical range"
-    elif parameter.std == 0.0:
-        remark = "not fitted"
-    elif parameter.tolerance and abs(parameter.value) > 3.0 * parameter.tolerance:
-        remark = f"{abs(parameter.value) / parameter.tolerance:.0f} tolerances"
-    return formatting.display_name(name), value, unit, tolerance, remark
-
-
-def _campaign_grids(group: GroupOfCampaigns) -> Iterator[Grid]:
-    """Yield where every shared parameter comes from, and each campaign against the others."""
-    rows: list[tuple[str | float | None, ...]] = []
-    for name, parameter in group.parameters.items():
-        unit, scale = formatting.shown_in(parameter.unit)
-        alone = (
-            f"{scale * parameter.std_alone[campaign]:.4f}"
-            if campaign in parameter.determined_by
-            else None
-            for campaign in group.campaigns
-        )
-        by = ", ".join(parameter.determined_by) or "all together"
-        std = f"{scale * parameter.std:.4f}"
-        rows.append((formatting.display_name(name), unit, std, *alone, by))
-    stds = (f"std {campaign}" for campaign in group.campaigns)
-    yield grid(
-        "Standard uncertainty of shared parameters, by all campaigns and by each alone",
-        ("parameter", "unit", "std", *stds, "determined by"),
-        rows,
-    )
-    rows = []
-    for name, campaign in group.campaigns.items():
-        worst = campaign.worst
-        unit, scale = formatting.shown_in(worst.unit)
-        difference = f"{scale * worst.value:.3g} ± {scale * worst.std:.2g} {unit}"
-        rows.append(
-            (
-                *(name, campaign.poses, campaign.rms_mm, campaign.alone_rms_mm),
-                f"{campaign.chi_square:.1f} for {campaign.dof:.0f}",
-                f"{campaign.p_value:.2g}",
-                f"{formatting.display_name(worst.name)}: {difference}",
-                campaign.contradicts,
-            )
-        )
-    yield grid(
-        "Each campaign against the others: they contradict each other where chance does not "
-        "explain the difference and separate parameters remove a tenth of the squared error",
-        "campaign | poses | rms [mm] | alone [mm] | χ² | p | most by | contradicts",
-        rows,
-    )
-
-
 # Pose accuracy and repeatability after ISO 9283, before and after calibration.
 
 #: Repeats of a pose that the standard asks for.
@@ -274,9 +125,8 @@ def repeats(results: ResultsBundle, record: Iso9283Record) -> Iterator[PageBlock
     table: list[tuple[str | float | None, ...]] = []
     for name, title in model_titles(results, record.accuracy).items():
         ap = record.accuracy[name]
-        command = "nominal model" if name == "uncalibrated" else f"model {title}"
         position = ap.AP_mean_mm, ap.AP_largest_mm
-        table.append((f"AP, {command}", *position, ap.AP_mean_deg, ap.AP_largest_deg))
+        table.append((f"AP, {title}", *position, ap.AP_mean_deg, ap.AP_largest_deg))
     angle: tuple[float | None, float | None] = (None, None)
     if repeated.RP_deg is not None:
         largest_deg = repeated.RP_deg.max(axis=1)  # of the three axes

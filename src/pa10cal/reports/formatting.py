@@ -54,14 +54,31 @@ def with_half_width(value: float, half: float) -> str:
     """
     if not (half > 0.0 and math.isfinite(half) and math.isfinite(value)):
         return f"{value:.5g} ± {half:.2g}"
+    power, decimals = _power_and_decimals(value, half)
+    scale = 10.0**power
+    text = f"{value / scale:.{decimals}f} ± {float(f'{half:.1e}') / scale:.{decimals}f}"
+    return f"({text})e{power}" if power else text
+
+
+def _power_and_decimals(value: float, half: float) -> tuple[int, int]:
+    """Return the exponent, 0 for none, and the decimals by which a half-width has two digits."""
     half = float(f"{half:.1e}")  # 0.0996 has the digits of 0.10
     last_power = math.floor(math.log10(half)) - 1  # power of ten of the last digit shown
     power = math.floor(math.log10(max(abs(value), half)))
     if power >= _LEAST_POWER and last_power <= 0:
-        return f"{value:.{-last_power}f} ± {half:.{-last_power}f}"
-    scale = 10.0**power
-    decimals = max(power - last_power, 0)
-    return f"({value / scale:.{decimals}f} ± {half / scale:.{decimals}f})e{power}"
+        return 0, -last_power
+    return power, max(power - last_power, 0)
+
+
+def as_precisely(value: float, like: float, std: float) -> str:
+    """Return a value with exponent and decimals of another beside its 95 % interval.
+
+    Args:
+        like, std: the other value and its standard uncertainty, which is positive.
+    """
+    power, decimals = _power_and_decimals(like, HALF_WIDTH_95 * std)
+    text = f"{value / 10.0**power:.{decimals}f}"
+    return f"{text}e{power}" if power else text
 
 
 def with_interval(value: float, std: float | None) -> str:
@@ -195,6 +212,15 @@ def display_name(name: str) -> str:
         symbol = KINDS[key].symbol
         return name if symbol == key else symbol + joint.translate(_SUBSCRIPTS)
     return _FRAME.get(name, name.replace("_", " "))
+
+
+def display_solved(name: str) -> str:
+    """Return the name of a parameter whose own value is shown, in the form in which it is solved.
+
+    As `display_name` has it, but for springs: `windup 2`, how far it yields at a reference torque,
+    where that has `K_lin_2`.
+    """
+    return display_name(name) if reported_name(name) == name else name.replace("_", " ")
 
 
 def written_load(load: str) -> str:

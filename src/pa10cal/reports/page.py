@@ -12,13 +12,14 @@ from typing import NamedTuple
 from pa10cal.errors import RecordError
 from pa10cal.files.output import write_text
 from pa10cal.input_files import read_csv, reason
-from pa10cal.reports.accuracy import accuracy, parameters, repeats
+from pa10cal.reports.accuracy import accuracy, repeats
 from pa10cal.reports.blocks import Callout, Links, PageBlock, Paragraph, folded, grid
 from pa10cal.reports.errors import headline
 from pa10cal.reports.formatting import count, mm
 from pa10cal.reports.measured import measurement_section, use
 from pa10cal.reports.missing import missing, next_poses
 from pa10cal.reports.outcome import errors_by_angle, grade, grade_sentence, verdict, verdict_glance
+from pa10cal.reports.parameters import parameters
 from pa10cal.reports.pictures import fleet_drawing
 from pa10cal.reports.render import Glance, PageSection, images, rendered
 from pa10cal.reports.residuals import residuals
