@@ -2,6 +2,7 @@
 
 import csv
 import io
+import re
 import shutil
 from pathlib import Path
 from types import SimpleNamespace
@@ -11,7 +12,7 @@ import pytest
 from pa10cal.errors import SettingsError
 from pa10cal.fleet import arm_status
 from pa10cal.fleet.arm_status import fleet_csv, fleet_record, forget_ended
-from pa10cal.fleet.campaigns import ListedCampaign, campaigns_of, in_order
+from pa10cal.fleet.campaigns import ListedCampaign, campaigns_of, from_any_folder, in_order
 from pa10cal.reports.page import fleet_page_text
 from pa10cal.results.codec import write
 from pa10cal.results.outcomes import ChainRecord, FleetArm, FleetCampaign, FleetRecord
@@ -39,6 +40,51 @@ def test_a_pattern_finds_campaigns_in_the_order_of_their_names(raw):
     assert [each.campaign for each in campaigns_of("a, b", raw)] == ["a", "b"]
     with pytest.raises(SettingsError, match="there are no campaigns"):
         campaigns_of("", raw)
+
+
+@pytest.mark.parametrize("asked", ["raw/2026-*", "./raw/2026-*", "raw/2026-*/", "{raw}/2026-*"])
+@pytest.mark.parametrize("raw_dir", ["raw", "./raw", "{raw}"])
+def test_folders_may_be_named_from_where_one_stands(raw, monkeypatch, asked, raw_dir):
+    monkeypatch.chdir(raw.parent)
+    asked, raw_dir = asked.format(raw=raw), Path(raw_dir.format(raw=raw))
+    named = ["2026-1", "2026-2"]
+    assert [each.campaign for each in campaigns_of(asked, raw_dir)] == named
+    asked, raw_dir = from_any_folder(asked), raw_dir.absolute()
+    monkeypatch.chdir("/")
+    assert [each.campaign for each in campaigns_of(asked, raw_dir)] == named
+    assert from_any_folder("2026-*") == "2026-*"
+    assert from_any_folder("a, b") == "a, b"
+    assert from_any_folder("arms.CSV") == "/arms.CSV"
+
+
+def test_names_with_dots_are_found_and_hidden_folders_are_not(raw):
+    for name in ("a..b", ".old"):
+        (raw / name).mkdir()
+        (raw / name / "campaign.yaml").touch()
+    assert campaigns_of("a..b", raw) == (ListedCampaign("a..b", "a..b"),)
+    assert len(campaigns_of("*", raw)) == 5
+
+
+@pytest.mark.parametrize(
+    ("dates", "ordered"),
+    [
+        (("2026-03-15", "2026-03"), False),
+        (("2026-03-31", "2026-03-31"), False),
+        (("2026-03-31T14:05Z", "2026-03-31 14:05"), False),
+        (("2026-03", "2026-04-02", "2026"), False),
+        (("2026-03", "2026-04-02", "2026-03-31T14:05"), False),
+        (("2026-03", "2026-04-02", "2025"), True),
+        (("2026-03-31 14:05", "2026-03-31T09:00"), True),
+    ],
+)
+def test_dates_that_do_not_order_the_campaigns_of_an_arm_are_refused(raw, dates, ordered):
+    rows = "".join(f"{name},left,{date}\n" for name, date in zip("abc", dates, strict=False))
+    text = f"campaign,arm,measured\n{rows}d,right,{dates[0]}\n"
+    if ordered:
+        assert len(campaigns_of(table(raw, text), raw)) == len(dates) + 1
+        return
+    with pytest.raises(SettingsError, match="do not say which came first"):
+        campaigns_of(table(raw, text), raw)
 
 
 def test_a_pattern_finds_no_campaign_deeper_than_the_folder(raw):
@@ -82,6 +128,9 @@ def test_a_table_says_arms_and_times_and_need_not_be_there(raw):
         ("campaign,arm\na,left,2026\n", r"row 2: a row .* has too many cells"),
         ("campaign,measured\na,31.12.2025\n", r"row 2: no date .*\(got '31.12.2025'\)"),
         ("campaign,measured\na,2026-13-01\n", r"row 2: no date"),
+        ("campaign,measured\na,20260331\n", r"with hyphens, such as 2026-03-31"),
+        ("campaign,measured\na,2026-03-31T14:05+02:00\n", r"UTC as .*Z, no other zone"),
+        ("\n\nname\na\n", r"line 3: .*no column campaign"),
         (
             "campaign,arm,measured\na,left,2026-01\nb,left,\n",
             r"row 3: some campaigns of an arm have a date, and others none",
@@ -100,6 +149,19 @@ def test_what_is_not_there_is_refused(raw):
         campaigns_of("gone.csv", raw)
     with pytest.raises(SettingsError, match="no pattern of campaigns"):
         campaigns_of("../*", raw)
+
+
+@pytest.mark.parametrize(
+    ("asked", "message"),
+    [
+        ("a,", r"^a,: no name of a campaign \(got ''\)[^\n]*correct it"),
+        ("a,a", r"^a,a: a campaign stands twice \(got 'a'\); allowed: each campaign once;"),
+    ],
+)
+def test_a_list_is_not_called_a_table(raw, asked, message):
+    with pytest.raises(SettingsError) as refused:
+        campaigns_of(asked, raw)
+    assert re.search(message, str(refused.value)), str(refused.value)
 
 
 @pytest.mark.parametrize(

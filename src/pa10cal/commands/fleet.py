@@ -52,13 +52,12 @@ def fleet(
         pa10cal fleet arms.csv --raw-dir measured --out results --profile slurm
     """
     from pa10cal.fleet.arm_status import forget_ended
-    from pa10cal.fleet.campaigns import campaigns_of
+    from pa10cal.fleet.campaigns import campaigns_of, from_any_folder
     from pa10cal.results.codec import read
     from pa10cal.results.outcomes import FleetRecord
 
     raw_dir, out = raw_dir.absolute(), out.absolute()
-    if campaigns.endswith(".csv"):
-        campaigns = str(Path(campaigns).absolute())
+    campaigns = from_any_folder(campaigns)
     listed = campaigns_of(campaigns, raw_dir)
     names = [campaign.campaign for campaign in listed]
     files, where = [settings] if settings else [], str(settings or "campaigns")

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import datetime
 from fnmatch import fnmatchcase
+from itertools import pairwise
 from pathlib import Path
 
 from pa10cal.errors import NAME_RULE, SettingsError, fits_a_folder
@@ -36,31 +38,44 @@ def campaigns_of(asked: str, raw_dir: Path) -> tuple[ListedCampaign, ...]:
 
     Args:
         asked: a table (.csv) with the column `campaign` and, where known, `arm` and `measured`; or
-            a pattern of folders in `raw_dir`, such as `*` or `2026-*`; or names with commas.
+            a pattern of folders in `raw_dir`, such as `*` or `2026-*`, with the path of `raw_dir`
+            or without; or names with commas, which like those of a table need not be there.
         raw_dir: folder of the campaigns.
 
     Raises:
         SettingsError: when there are none, the table cannot be read, has unknown columns or a row
-            of another length than its header, `measured` is no date by ISO 8601 or stands for some
-            campaigns of an arm alone, or a name is not fit for a folder or stands twice.
+            of another length than its header, `measured` is no date by ISO 8601, stands for some
+            campaigns of an arm alone or does not say which came first, or a name is not fit for a
+            folder or stands twice.
     """
-    if asked.endswith(".csv"):
+    if _is_table(asked):
         return _checked(_of_table(Path(asked)), asked)
     if "," in asked:
         names = [name.strip() for name in asked.split(",")]
         return _checked([(asked, ListedCampaign(name, name)) for name in names], asked)
-    pattern = asked.removeprefix(f"{raw_dir}/")
-    if "/" in pattern or ".." in pattern:
+    within, pattern = os.path.split(asked.rstrip("/"))
+    if within and Path(within).resolve() != raw_dir.resolve():
         raise SettingsError(
             "no pattern of campaigns",
             where="campaigns",
             value=asked,
             allowed=f"a table (.csv), or names of folders of {raw_dir} with *, such as 2026-*",
-            remedy="correct it, or set raw_dir",
+            remedy="correct it, or set raw_dir to the folder that holds those of the campaigns",
         )
     folders = sorted(path.parent.name for path in raw_dir.glob("*/campaign.yaml"))
-    names = [name for name in folders if fnmatchcase(name, pattern)]
+    visible = [name for name in folders if not name.startswith(".")]
+    names = [name for name in visible if fnmatchcase(name, pattern)]
     return _checked([(f"{raw_dir}/{name}", ListedCampaign(name, name)) for name in names], asked)
+
+
+def from_any_folder(asked: str) -> str:
+    """Return what asks for campaigns, see `campaigns_of`, with a path that begins at the root."""
+    is_path = _is_table(asked) or ("/" in asked and "," not in asked)
+    return str(Path(asked).absolute()) if is_path else asked
+
+
+def _is_table(asked: str) -> bool:
+    return asked.lower().endswith(".csv")
 
 
 def in_order(listed: Iterable[ListedCampaign]) -> dict[str, list[ListedCampaign]]:
@@ -72,7 +87,10 @@ def in_order(listed: Iterable[ListedCampaign]) -> dict[str, list[ListedCampaign]
 
 
 def _sortable_time(campaign: ListedCampaign) -> str:
-    """Return when a campaign was measured as a text whose order is that of time."""
+    """Return when a campaign was measured as a text.
+
+    Where no text begins with another, their order is that of time.
+    """
     return campaign.measured.replace(" ", "T").removesuffix("Z")
 
 
@@ -92,18 +110,19 @@ def _of_table(path: Path) -> list[tuple[str, ListedCampaign]]:
             remedy="check the path and the file",
         ) from None
     header = rows[0] if rows else []
+    first_line = f"{path}, line {lines[0] if lines else 1}"
     if "campaign" not in header or len(set(header)) < len(header):
         raise SettingsError(
             "the table of campaigns has no column campaign, or a column twice",
-            where=f"{path}, line 1",
+            where=first_line,
             value=", ".join(header),
             allowed=f"the column {_COLUMNS[0]} and, where known, {' and '.join(_COLUMNS[1:])}",
-            remedy="name the columns in its first line",
+            remedy="name the columns there",
         )
     if unknown := [name for name in header if name not in _COLUMNS]:
         raise SettingsError(
             "the table of campaigns has a column of an unknown name",
-            where=f"{path}, line 1",
+            where=first_line,
             value=", ".join(unknown),
             allowed=", ".join(_COLUMNS),
             remedy="correct the name, or remove the column",
@@ -126,11 +145,17 @@ def _of_table(path: Path) -> list[tuple[str, ListedCampaign]]:
                 "no date of a campaign",
                 where=where,
                 value=measured,
-                allowed="a date or time by ISO 8601, such as 2026-03-31 or 2026-03-31T14:05",
-                remedy="write the year first, then month and day with two digits each",
+                allowed="a date or time by ISO 8601 with hyphens, such as 2026-03-31 or "
+                "2026-03-31T14:05; UTC as 2026-03-31T12:05Z, no other zone",
+                remedy="write it like these",
             )
         listed.append((where, ListedCampaign(name, cells.get("arm") or name, measured)))
-    _refuse_some_dates(listed)
+    by_arm: dict[str, list[tuple[str, ListedCampaign]]] = {}
+    for where, campaign in listed:
+        by_arm.setdefault(campaign.arm, []).append((where, campaign))
+    for campaigns_of_arm in by_arm.values():
+        _refuse_some_dates(campaigns_of_arm)
+        _refuse_dates_without_order(campaigns_of_arm)
     return listed
 
 
@@ -145,17 +170,33 @@ def _is_iso_8601(text: str) -> bool:
     return True
 
 
-def _refuse_some_dates(listed: list[tuple[str, ListedCampaign]]) -> None:
-    """Refuse arms that have a date for some of their campaigns, and none for others."""
-    dated = {campaign.arm for _, campaign in listed if campaign.measured}
-    for where, campaign in listed:
-        if campaign.arm in dated and not campaign.measured:
+def _refuse_some_dates(campaigns_of_arm: list[tuple[str, ListedCampaign]]) -> None:
+    """Refuse an arm that has a date for some of its campaigns, and none for others."""
+    dated = any(campaign.measured for _, campaign in campaigns_of_arm)
+    for where, campaign in campaigns_of_arm:
+        if dated and not campaign.measured:
             raise SettingsError(
                 "some campaigns of an arm have a date, and others none",
                 where=where,
                 value=campaign.campaign,
                 allowed="the column measured for all campaigns of an arm, or for none",
                 remedy="complete the dates: which campaign comes before which depends on them",
+            )
+
+
+def _refuse_dates_without_order(campaigns_of_arm: list[tuple[str, ListedCampaign]]) -> None:
+    """Refuse an arm if the dates of two of its campaigns do not say which came first."""
+    dated = [(where, campaign) for where, campaign in campaigns_of_arm if campaign.measured]
+    in_turn = sorted(dated, key=lambda placed: _sortable_time(placed[1]))
+    for (_, before), (where, after) in pairwise(in_turn):
+        # What begins with the text of a date follows it at once, as text is sorted.
+        if _sortable_time(after).startswith(_sortable_time(before)):
+            raise SettingsError(
+                "the dates of two campaigns of an arm do not say which came first",
+                where=where,
+                value=after.measured,
+                allowed=f"a date before or after that of {before.campaign}, {before.measured}",
+                remedy="add the day or the time of day to both, in the same time zone",
             )
 
 
@@ -178,14 +219,15 @@ def _checked(listed: list[tuple[str, ListedCampaign]], asked: str) -> tuple[List
                 where=where,
                 value=name,
                 allowed=NAME_RULE,
-                remedy="rename its folder, or correct the table",
+                remedy="correct it; a folder of another name has to be renamed",
             )
         if name in places:
             raise SettingsError(
                 "a campaign stands twice",
                 where=where,
                 value=name,
-                allowed=f"each campaign once; it stands in {places[name]} too",
+                allowed="each campaign once"
+                + (f"; it stands in {places[name]} too" if places[name] != where else ""),
                 remedy="remove one of the two",
             )
         places[name] = where
