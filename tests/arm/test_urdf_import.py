@@ -13,6 +13,7 @@ from pa10cal.arm.description import neighbouring_axes
 from pa10cal.arm.dh_rows import rows_through
 from pa10cal.arm.statics import Payload, statics
 from pa10cal.arm.urdf_import import arm_from_urdf_text
+from pa10cal.arm.urdf_reading import read_tree
 from pa10cal.arm.urdf_writing import urdf_text
 from pa10cal.arrays import homogeneous
 from pa10cal.errors import ArmError
@@ -338,6 +339,38 @@ def test_ends_that_are_no_ends_are_refused(options, message):
         imported(BRANCHED, **options)
 
 
+TURNS = ("revolute", (0, 0, 0.1), (0, 0, 0), (0, 0, 1))
+
+
+def of_kind(kind, xyz=(0, 0, 0.1)):
+    return kind, xyz, (0, 0, 0), (0, 0, 1)
+
+
+@pytest.mark.parametrize(
+    ("joints", "says", "ends"),
+    [
+        ([of_kind("planar"), of_kind("floating")], "j0: .*this type.*name another base", None),
+        ([TURNS, TURNS, of_kind("planar")], "j2: .*this type.*name a tip before .*l2$", ("l0", 2)),
+        ([of_kind("planar"), TURNS], "j0: .*this type.*name a base beyond .*l1$", ("l1", 2)),
+        ([TURNS, of_kind("planar"), TURNS], "base beyond .*l2, or a tip before .*l1$", ("l2", 3)),
+        ([of_kind("fixed", (0, 20, 0)), TURNS], "j0: .*further than 10.*else .*l1$", ("l1", 2)),
+        ([TURNS, of_kind("revolute", (9, 9, 9))], "j1: .*further than 10.*else .*l1$", ("l0", 1)),
+    ],
+)
+def test_the_ends_that_a_refusal_names_are_those_that_help(joints, says, ends):
+    text = robot(joints)
+    with pytest.raises(ArmError, match=says):
+        imported(text)
+    if ends is not None:
+        base, tip = ends
+        assert imported(text, base=base, tip=f"l{tip}").joints
+
+
+def test_a_joint_that_does_not_move_has_one_pose():
+    (joint,) = read_tree(robot([of_kind("fixed")]), "robot.urdf").joints
+    np.testing.assert_array_equal(joint.origin_at(1.0), joint.origin_at(0.0))
+
+
 # Rows laid through axes anywhere in space, parallel, meeting and near-parallel ones too.
 
 angles = st.sampled_from([0.0, np.pi, np.pi / 2, -np.pi / 2, 1e-12, 3e-8, 1e-3, 0.08, 0.09, 0.7])
@@ -451,7 +484,7 @@ def test_stages_of_a_telescope_are_told():
     [
         (
             mimicking("j3", "j2", 1.0, 0.0, mimicking("j2", "j3", 1.0)),
-            "joint j2: the joint follows",
+            r"joint j2: the joint follows joint j3 \(mimic\) \(got 'in a circle'",
         ),
         (mimicking("j3", "elsewhere", 1.0), "elsewhere does not move between base and tip"),
         (mimicking("j3", "j2", 0.0), "multiplier 0"),

@@ -39,12 +39,18 @@ class UrdfJoint:
     xyz: tuple[float, ...]
     rpy: tuple[float, ...]
     axis: tuple[float, ...]  # direction in which it moves, in its own frame
-    limits: tuple[float, float]  # lower and upper [rad or m]; nan where they are not stated
+    # lower and upper [rad or m]; one that is not stated beside the other is 0, nan without either
+    limits: tuple[float, float]
     effort: float  # rated torque [N m] or force [N]; nan where it is not stated
 
     def origin_at(self, position: float) -> Array:
-        """Return the pose (4, 4) of its child in its parent at a position [rad or m]."""
+        """Return the pose (4, 4) of its child in its parent at a position [rad or m].
+
+        Of a joint that is none of `MOVING` at any position: that where it does not move.
+        """
         T = placed(np.array(self.xyz), np.array(self.rpy))
+        if self.kind not in MOVING:
+            return T
         along = np.array(self.axis) / max(np.linalg.norm(self.axis), 1e-300) * position
         if self.kind == "prismatic":
             return T @ homogeneous(np.eye(3), along)
@@ -77,11 +83,24 @@ class SerialPath:
     # base and tip: the links at its ends
     base: str
     tip: str
-    joints: tuple[UrdfJoint, ...]  # from the base on, fixed ones too
+    # from the base on, fixed ones too; those of a base on a side branch begin at the link by which
+    # it is one body with the arm
+    joints: tuple[UrdfJoint, ...]
     leaders: Mapping[str, Leader]  # of each joint that mimics another, by the joint's name
 
 
-def _refuse_unusable(joint: UrdfJoint, where: str) -> None:
+def _ends_without(joint: UrdfJoint, path: Sequence[UrdfJoint]) -> str:
+    """Return the remedy for a joint of a path: ends between which others move, and it does not."""
+    before, beyond = path[: path.index(joint)], path[path.index(joint) + 1 :]
+    ends = []
+    if any(other.kind in MOVING for other in beyond):
+        ends.append(f"a base beyond this joint with --base, such as {joint.child}")
+    if any(other.kind in MOVING for other in before):
+        ends.append(f"a tip before it with --tip, such as {joint.parent}")
+    return f"name {', or '.join(ends) or 'another base or tip'}"
+
+
+def _refuse_unusable(joint: UrdfJoint, path: Sequence[UrdfJoint], where: str) -> None:
     """Refuse a joint between base and tip by its type or numbers, which off that path do no harm.
 
     Raises:
@@ -93,15 +112,15 @@ def _refuse_unusable(joint: UrdfJoint, where: str) -> None:
             where=where,
             value=joint.kind,
             allowed="revolute, continuous, prismatic, fixed",
-            remedy="name a base beyond this joint with --base",
+            remedy=_ends_without(joint, path),
         )
-    if max(map(abs, joint.xyz)) > _FAR_M:
+    if math.hypot(*joint.xyz) > _FAR_M:
         raise ArmError(
             f"the joint is further than {_FAR_M:g} m from the one before",
             where=where,
             value=joint.xyz,
             allowed="metres",
-            remedy="divide by 1000 if these are millimetres",
+            remedy=f"divide by 1000 if these are millimetres; else {_ends_without(joint, path)}",
         )
     if joint.kind == "fixed":
         return
@@ -180,21 +199,21 @@ class UrdfTree:
                 # q = m (m' q' + o') + o = (m m') q' + (o + m o'), where q' is of the next leader.
                 offset = offset + multiplier * leader.offset
                 multiplier = multiplier * leader.multiplier
-                cause = None
+                cause, followed = None, leader.follows
                 if leader.follows in seen:
-                    cause = "in a circle"
+                    cause, followed = "in a circle", joint.follows
                 elif leader.follows not in on_path:
                     cause = f"{leader.follows} does not move between base and tip"
                 elif multiplier == 0.0:
                     cause = "multiplier 0"
                 if cause is not None:
                     raise ArmError(
-                        f"the joint follows joint {leader.follows} (mimic)",
+                        f"the joint follows joint {followed} (mimic)",
                         where=f"{self.where}: joint {joint.name}",
                         value=cause,
                         allowed="a joint that moves between base and tip, which it follows by more "
                         "than nothing",
-                        remedy="name a base beyond this joint, or a tip before it",
+                        remedy=_ends_without(joint, path),
                     )
                 leader = on_path[leader.follows]
                 seen.add(leader.name)
@@ -224,6 +243,8 @@ class UrdfTree:
 
     def _refuse_unless_serial(self, joints: Sequence[UrdfJoint], ends: str) -> None:
         """Refuse a path, called by its ends, that has too few or too many joints or other types."""
+        for joint in joints:
+            _refuse_unusable(joint, joints, f"{self.where}: joint {joint.name}")
         moving = sum(joint.kind in MOVING for joint in joints)
         if not moving:
             raise ArmError(
@@ -241,8 +262,6 @@ class UrdfTree:
                 allowed=f"at most {MOST_ROWS}",
                 remedy="name another base or tip",
             )
-        for joint in joints:
-            _refuse_unusable(joint, f"{self.where}: joint {joint.name}")
 
     @cached_property
     def _carriers(self) -> Mapping[str, UrdfJoint]:
