@@ -415,6 +415,11 @@ class Masses:
     # correlation of logged with calculated torques below which their signs or gravity are off
     # (chosen)
     follows: float = 0.8
+    # least torques a fitted column with which their scatter is their noise (statistics)
+    torques_a_weight: int = 2
+    # residuals that are so many times smaller than the noise of readings and the scatter of torques
+    # make them: a part of that scatter is of forces (trials)
+    forces_ratio: float = 3.0
     # torques are resolved to no better than this part of the largest (size)
     resolved_share: float = 1e-4
     # a joint's scatter, and the size of a weight of any kind, are no less than this part of the

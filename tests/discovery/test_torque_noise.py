@@ -14,8 +14,9 @@ from pa10cal.calibration.load_case import LoadCase
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.discovery import verdict_records
 from pa10cal.discovery.near_poses import noise_of_near_poses
-from pa10cal.discovery.noise import Noise, share_that_is_noise, with_torque_noise
+from pa10cal.discovery.noise import Noise, with_torque_noise
 from pa10cal.discovery.preparation import complete, prepared, setup_of
+from pa10cal.fit.joint_noise import share_that_is_noise
 from pa10cal.options import DiscoveryOptions
 from pa10cal_lab.cell.campaign import measure_campaign, robot_of
 from pa10cal_lab.cell.options import SimulateOptions, TrackerOptions

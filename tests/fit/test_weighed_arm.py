@@ -12,12 +12,13 @@ import pa10cal
 from made_up_poses import at_rest
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import weights_known
+from pa10cal.calibration.accuracy import position_noise_mm
 from pa10cal.campaign import read as campaign_read
 from pa10cal.campaign.description import CampaignDescription, Masses
 from pa10cal.campaign.table import write_pose_table
 from pa10cal.files.arms import load_arm
-from pa10cal.fit.discrepancy import by_torque_noise_mm
 from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.joint_noise import torque_noise
 from pa10cal.fit.loads import statics_of
 from pa10cal.fit.logged_torques import without_torque_errors
 from pa10cal.fit.model_reading import load_model
@@ -367,9 +368,13 @@ def test_the_noise_of_torques_puts_the_end_off_through_the_springs(noise_Nm):
     model = model_on_springs(ARM, 1.0)
     noisy, true = (model.model.predict(each.states, model.x) for each in (logged, exact))
     off_mm = 1e3 * np.linalg.norm((noisy - true)[:, :3, 3], axis=1)
-    found_mm = by_torque_noise_mm(model, logged, described().payload(ARM))
+    residual, payload = model.compared(logged).residual, described().payload(ARM)
+    found = torque_noise(model, logged, payload, residual, logged.measured.stated_covariance)
+    found_mm = position_noise_mm(logged.measured, found.cov)
     assert found_mm == pytest.approx(np.sqrt(np.mean(off_mm**2)), rel=0.15)
-    assert by_torque_noise_mm(model, logged, None) == 0.0
+    np.testing.assert_allclose(found.torque_Nm, noise_Nm, rtol=0.15)
+    assert found.share == 1.0
+    assert torque_noise(model, logged, None, residual, found.cov) is None
 
 
 def test_a_mass_that_torques_contradict_is_told_and_taken_from_them():

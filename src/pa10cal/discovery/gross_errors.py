@@ -16,12 +16,12 @@ from scipy.ndimage import median_filter
 from scipy.special import chdtri
 
 from pa10cal.arrays import Array, Index, Mask, rms
-from pa10cal.discovery.jacobians import ideal_by_joints
 from pa10cal.discovery.pose_scatter import pose_weights
 from pa10cal.discovery.repeats import noise_of_repeats, repeat_groups
 from pa10cal.discovery.rules import NOISE, ROWS
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.joint_noise import ideal_by_joints
 from pa10cal.fit.tails import Tails, by_stated, components_seen, confirmed
 from pa10cal.numerics.covariances import whitener_of
 from pa10cal.observe.instrument import Instrument, group_means

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pa10cal.arm.chain import end_pose_with_screws
 from pa10cal.arrays import Array, Index, drawn
 from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.joint_noise import along_base
 from pa10cal.fit.problem import possible_sizes
 from pa10cal.observe.observations import Observations
 from pa10cal.terms.effects.effect import Effect
@@ -39,7 +39,7 @@ def residual_and_lazy_jacobian(
     )
 
     def jacobian() -> Array:
-        by_model = _along_base(compared.by_end, at) @ predicted.jacobian
+        by_model = along_base(compared.by_end, at) @ predicted.jacobian
         if not len(at.targets_m):
             return by_model
         for term in at.model.terms:
@@ -71,7 +71,7 @@ def by_terms(
     """
     T_base_ee, in_base = at.model.by_terms(poses.states, at.x, terms, points)
     compared = poses.measured.compare(at.T_instr_base @ T_base_ee, at.targets_m)
-    by_end = _along_base(compared.by_end, at)
+    by_end = along_base(compared.by_end, at)
     if whiteners is not None:
         by_end = whiteners @ by_end
     by_parameters = [by_end @ columns for columns in in_base]
@@ -136,35 +136,6 @@ def joint_positions(at: FittedModel, joints: Sequence[int]) -> Offsets:
     chain = at.model.chain
     driven = [chain.motions[chain.joint_columns[joint - 1]].coordinate for joint in joints]
     return Offsets(tuple(TermParameter(name, "", 1.0) for name in driven), tuple(driven))
-
-
-# At a residual of zero, where the components of an orientation error equal its angles.
-
-
-def ideal_by_end(at: FittedModel, poses: Observations, T_base_ee: Array) -> Array:
-    """Return the derivative of components by velocities of the end along base axes, (P, b, 6).
-
-    Of poses that were measured exactly where the end is, at T_base_ee (P, 4, 4).
-    """
-    T_instr_ee, measured = at.T_instr_base @ T_base_ee, poses.measured
-    compared = measured.ideal(T_instr_ee, at.targets_m).compare(T_instr_ee, at.targets_m)
-    return _along_base(compared.by_end * measured.components_seen[..., None], at)
-
-
-def ideal_by_joints(at: FittedModel, poses: Observations) -> Array:
-    """Return the derivative of components by the position of each joint, (P, b, n).
-
-    Of poses that were measured exactly where the model predicts them.
-    """
-    chain = at.model.chain
-    end = end_pose_with_screws(chain, at.model.chain_coordinates(poses.states, at.x))
-    return np.asarray(ideal_by_end(at, poses, end.T) @ end.screws[:, :, chain.joint_columns])
-
-
-def _along_base(by_end: Array, at: FittedModel) -> Array:
-    """Return a derivative (P, b, 6) by motions along the base's axes, from the instrument's."""
-    R = at.T_instr_base[:3, :3]
-    return np.concatenate([by_end[..., :3] @ R, by_end[..., 3:] @ R], axis=2)
 
 
 @dataclass(frozen=True, eq=False)

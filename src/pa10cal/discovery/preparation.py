@@ -21,7 +21,7 @@ from pa10cal.discovery.row_faults import held_out_faults, row_faults
 from pa10cal.discovery.rules import CANDIDATES, MAPS, NOISE
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.fit.loads import TorqueSource, statics_of, with_torques
+from pa10cal.fit.loads import TorqueSource, with_static_loads, with_torques
 from pa10cal.fit.uncertain_weights import with_uncertain_weights
 from pa10cal.observe.arrivals import reversed_joints, with_arrivals
 from pa10cal.observe.observations import Observations, average_repeats, reading_groups
@@ -31,7 +31,6 @@ from pa10cal.results.discovery import SuspectedReading
 from pa10cal.terms.effects.effect import CandidateContext, Effect, candidates
 from pa10cal.terms.effects.joint_error_map import is_error_map
 from pa10cal.terms.joint_spring import is_spring
-from pa10cal.terms.model import Model
 from pa10cal.terms.term import Term, shows_torque
 from pa10cal.terms.weights import fault_candidates, holds_weights, is_fault
 
@@ -186,13 +185,7 @@ def complete(
         return complete(complete(poses, baseline, setup), about, setup)
     states = poses.states
     if setup.payload is not None:
-        if baseline.model.terms_of("effect", "weight", "field"):
-            # Such terms need static loads to begin with: those of the nominal arm.
-            rigid = Model(baseline.model.chain, ())
-            nominal = statics_of(rigid, np.zeros(0), states, setup.payload)
-            states = replace(states, static_loads=states.static_loads or nominal)
-        loads = statics_of(baseline.model, baseline.x, states, setup.payload)
-        states = replace(states, static_loads=loads)
+        states = with_static_loads(baseline.model, baseline.x, states, setup.payload)
     T_instr_ee = baseline.T_instr_base @ baseline.model.predict(states, baseline.x)
     states = replace(states, seen=poses.measured.readout(T_instr_ee, targets_m(baseline, setup)))
     return poses.with_states(states)

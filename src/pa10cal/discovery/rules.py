@@ -44,8 +44,6 @@ class Noise:
     # scatter of a torque, in the largest one, that rounding alone makes (size)
     rounded_torque_share: float = 1e-6
     reweighted: int = 2  # rounds in which scatter and weights are estimated in turn (computing)
-    # least torques a fitted column with which their scatter is their noise (statistics)
-    torques_a_weight: int = 2
     median_to_sigma: float = 1.0 / float(ndtri(0.75))  # of normal deviates (statistics)
     huber_tail: float = 1e-3  # share of undisturbed poses that weigh less than fully (level)
     least_shrink: float = 1e-3  # least factor by which stated uncertainties are reduced (size)

@@ -20,7 +20,6 @@ from pa10cal.discovery.evidence.candidates import linearise
 from pa10cal.discovery.evidence.fit import EvidenceFit
 from pa10cal.discovery.evidence.noise_model import NoiseModel, SharedVariances
 from pa10cal.discovery.evidence.problem import EvidenceProblem, pose_noise_model, torque_noise_model
-from pa10cal.discovery.jacobians import ideal_by_joints
 from pa10cal.discovery.model_with_effects import ModelWithEffects
 from pa10cal.discovery.noise import Noise
 from pa10cal.discovery.nuisances import TimeFindings
@@ -30,6 +29,7 @@ from pa10cal.discovery.rules import EVIDENCE
 from pa10cal.discovery.tuning import NEXT_POSES
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.joint_noise import ideal_by_joints
 from pa10cal.fit.loads import statics_of, with_torques
 from pa10cal.numerics.covariances import whitener_of
 from pa10cal.numerics.pose_sets import Combined, SeparationCriterion

@@ -25,10 +25,10 @@ from scipy.optimize import isotonic_regression
 from scipy.spatial import cKDTree
 
 from pa10cal.arm.chain import BASE, end_pose_with_screws
-from pa10cal.arm.statics import Payload, PoseStates
+from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index, Mask
 from pa10cal.fit.fitted import Fitted
-from pa10cal.fit.logged_torques import lost_without_log_mm, torque_scatter_Nm
+from pa10cal.fit.logged_torques import lost_without_log_mm
 from pa10cal.fit.problem import GaussianPrior, Problem, Rows, possible_sizes
 from pa10cal.fit.repeatability import (
     along_noise_axes,
@@ -49,7 +49,6 @@ from pa10cal.rules import LACK
 from pa10cal.terms.field import embedded, well_spread
 from pa10cal.terms.model import Model
 from pa10cal.terms.offsets import base_frame
-from pa10cal.terms.term import yields
 from pa10cal.terms.wrapped import fixed
 
 #: Least divisor, and least variance [m², rad²] (computing).
@@ -194,25 +193,6 @@ def by_uncertain_joints_mm(model: Model, x: Array, poses: Observations) -> float
         return 0.0
     moved_m = _moved_by_joints(model, x, poses.states) * u[:, None]
     return 1e3 * float(np.sqrt(np.mean(np.sum(moved_m**2, axis=(1, 2)))))
-
-
-def by_torque_noise_mm(at: Fitted, poses: Observations, payload: Payload | None) -> float:
-    """Return how far the noise of logged torques puts the end off, rms over poses [mm].
-
-    Springs deflect by the torques as logged. It is 0 without springs or where nothing is known of
-    the weights, about whose torques logged ones scatter.
-    """
-    springs = [term for term in at.model.terms if yields(term)]
-    if payload is None or not springs:
-        return 0.0
-    states = poses.states
-    scatter_Nm = torque_scatter_Nm(at, states, payload)
-    turned_rad = np.zeros(states.q_rad.shape)
-    for spring in springs:
-        by_torque = spring.by_torque(states, at.x[at.model.columns_of(spring)])
-        turned_rad[:, spring.joint - 1] += by_torque * scatter_Nm[spring.joint - 1]
-    moved_m = at.model.chain.arm.coupling.moved_by_drives(_moved_by_joints(at.model, at.x, states))
-    return 1e3 * float(np.sqrt(np.mean(np.sum((moved_m * turned_rad[:, None]) ** 2, axis=(1, 2)))))
 
 
 def levers_m(model: Model, x: Array, states: PoseStates) -> Array:

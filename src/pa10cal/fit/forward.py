@@ -12,7 +12,7 @@ from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.errors import ModelError
 from pa10cal.fit.fitted import FLANGE, TARGET, TOOL_FRAME, FallBack, Fitted, Prediction
-from pa10cal.fit.loads import statics_of, with_torques
+from pa10cal.fit.loads import with_static_loads, with_torques
 from pa10cal.fit.uncertain_weights import with_weights_by_log
 from pa10cal.numerics.periodic_spline import MapMotion, position_covariance
 from pa10cal.rules import LACK
@@ -217,13 +217,8 @@ class Forward:
             return replace(states, tau_Nm=np.zeros_like(q))
         if not self.physical.terms_of("effect", "field"):
             return states
-        # Bending by effects needs static loads, which depend on the posture: those of the nominal
-        # arm first, then those of the arm bent by them.
-        nominal = Model(self.physical.chain, ())
-        for model, values in ((nominal, np.zeros(0)), (self.physical, self.x)):
-            loads = statics_of(model, values, states, payload)
-            states = replace(states, static_loads=loads)
-        return states
+        # Effects bend by the loads in the posture of the arm that is bent by them.
+        return with_static_loads(self.physical, self.x, states, payload)
 
     def T_base_frame(self, states: PoseStates) -> Array:
         """Return the frame in the base, (N, 4, 4) [m]."""

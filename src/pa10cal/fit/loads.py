@@ -52,6 +52,18 @@ def with_torques(
     return states, "masses"
 
 
+def with_static_loads(model: Model, x: Array, states: PoseStates, payload: Payload) -> PoseStates:
+    """Return states with the static loads of the arm in the postures that a model predicts.
+
+    Effects that bend, and weights, need loads to begin with: those that the states have, or else
+    those of the nominal arm. Torques stay as they are.
+    """
+    if states.static_loads is None and model.terms_of("effect", "weight", "field"):
+        rigid = Model(model.chain, ())
+        states = replace(states, static_loads=statics_of(rigid, np.zeros(0), states, payload))
+    return replace(states, static_loads=statics_of(model, x, states, payload))
+
+
 def blocks(count: int) -> Iterator[Index]:
     """Yield the row numbers below a count in blocks of `BLOCK`; for 0 a single empty block."""
     for first in range(0, count or 1, BLOCK):
@@ -67,8 +79,9 @@ def with_loads_read_by(terms: Iterable[Term], states: PoseStates) -> PoseStates:
 
 def _under_weights(model: Model, x: Array, states: PoseStates, payload: Payload) -> PoseStates:
     """Return states with the static loads of a model, and the torques of these."""
-    loads = statics_of(model, x, states, payload)
-    return replace(states, tau_Nm=loads.joint_Nm, static_loads=loads)
+    loaded = with_static_loads(model, x, states, payload)
+    assert loaded.static_loads is not None
+    return replace(loaded, tau_Nm=loaded.static_loads.joint_Nm)
 
 
 def statics_of(model: Model, x: Array, states: PoseStates, payload: Payload) -> StaticLoads:

@@ -19,7 +19,7 @@ from pa10cal.arm.description import Arm, weights_known
 from pa10cal.arm.statics import Payload, PoseStates
 from pa10cal.arrays import MEDIAN_TO_SIGMA, Array, Mask, standard_error_of_sum
 from pa10cal.fit.fitted import Fitted
-from pa10cal.fit.loads import statics_of, with_torques
+from pa10cal.fit.loads import statics_of, with_static_loads, with_torques
 from pa10cal.fit.uncertain_weights import weight_sizes, with_assumed_weights, with_weights_by_log
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.arrivals import with_arrivals
@@ -72,12 +72,10 @@ def errors_of_logs(
     return np.concatenate([gain * torque_Nm[:, :, None] * diagonal, friction_Nm, zeros_Nm], axis=2)
 
 
-def torque_scatter_Nm(
-    at: Fitted, states: PoseStates, payload: Payload, torques_a_weight: int = 2
-) -> Array:
+def torque_scatter_Nm(at: Fitted, states: PoseStates, payload: Payload) -> Array:
     """Return the scatter (n,) of logged torques about a fit by the torques of the weights.
 
-    Zero for a joint with fewer torques for each fitted column than `torques_a_weight`.
+    Zero for a joint with too few torques for each fitted column.
     """
     weights = statics_of(at.model, at.x, states, payload)
     residual_Nm = states.tau_Nm - weights.joint_Nm
@@ -87,7 +85,7 @@ def torque_scatter_Nm(
         columns = np.column_stack([one, states.arrival[:, j], states.load_N, *of_weights])
         x, _, rank, _ = np.linalg.lstsq(columns, residual_Nm[:, j], rcond=_LEAST_SINGULAR)
         dof = len(states) - int(rank)
-        if dof >= torques_a_weight * int(rank):
+        if dof >= MASSES.torques_a_weight * int(rank):
             scatter_Nm[j] = np.sqrt(np.sum((residual_Nm[:, j] - columns @ x) ** 2) / dof)
     return scatter_Nm
 
@@ -416,9 +414,7 @@ def under_weights(model: F, poses: Observations) -> tuple[F, Observations]:
         poses.states, tau_Nm=np.full_like(poses.states.tau_Nm, np.nan), static_loads=None
     )
     states, _ = with_torques(whole.model, whole.x, nowhere, payload)
-    # Effects that bend need the loads of the arm: those of the nominal one first.
-    for at, x in ((Model(whole.model.chain, ()), np.zeros(0)), (whole.model, whole.x)):
-        states = replace(states, static_loads=statics_of(at, x, states, payload))
+    states = with_static_loads(whole.model, whole.x, states, payload)
     return whole, poses.with_states(states)
 
 

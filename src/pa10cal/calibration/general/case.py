@@ -23,14 +23,10 @@ from pa10cal.calibration.health import RIGID, health
 from pa10cal.calibration.load_case import LoadCase, base_parameters, case_keys, fit_keys
 from pa10cal.calibration.rules import GRADES, GROUPS, RECORDS
 from pa10cal.errors import CalibrationError
-from pa10cal.fit.discrepancy import (
-    by_torque_noise_mm,
-    by_uncertain_joints_mm,
-    discrepancy_of,
-    lacking_mm,
-)
+from pa10cal.fit.discrepancy import by_uncertain_joints_mm, discrepancy_of, lacking_mm
 from pa10cal.fit.fitted import FittedTo
 from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.joint_noise import torque_noise
 from pa10cal.fit.loads import with_loads_read_by, with_torques
 from pa10cal.fit.logged_torques import lost_without_log_mm
 from pa10cal.fit.problem import Problem, not_identifiable
@@ -213,15 +209,14 @@ class _FittedCase:
 
     @property
     def torques_mm(self) -> float:
-        """Return the rms error by the noise of logged torques; 0 where none were logged.
-
-        Torques that scatter about those of the weights by far more than the poses show are no
-        noise: forces act that nobody stated, and the arm moves by them.
-        """
+        """Return the rms error by the noise of logged torques; 0 where none were logged."""
         if self.full.torques_from != "logged":
             return 0.0
-        by_scatter_mm = by_torque_noise_mm(self.model, self.grid.take(self.rows), self.case.payload)
-        return by_scatter_mm if by_scatter_mm < GRADES.stated_ratio * self.all_rms_mm else 0.0
+        problem, model = self.full.problem, self.model
+        poses, stated = problem.observations, problem.stated_covariance
+        residual = model.compared(poses).residual
+        noise = torque_noise(model, poses, self.case.payload, residual, stated)
+        return 0.0 if noise is None else accuracy.position_noise_mm(poses.measured, noise.cov)
 
     @cached_property
     def outliers(self) -> tuple[records.SuspectedOutlier, ...]:

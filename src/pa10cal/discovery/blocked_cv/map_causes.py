@@ -15,10 +15,11 @@ import numpy as np
 from pa10cal.arrays import Array, Index, Mask
 from pa10cal.discovery.blocked_cv.refit import Refit
 from pa10cal.discovery.blocked_cv.survey import Survey
-from pa10cal.discovery.jacobians import WhitenedPoses, ideal_by_joints
+from pa10cal.discovery.jacobians import WhitenedPoses
 from pa10cal.discovery.motor_ripple import JointSeries, witnesses
 from pa10cal.discovery.rules import MAPS, RIPPLE
 from pa10cal.discovery.tuning import COMPUTING
+from pa10cal.fit.joint_noise import ideal_by_joints
 from pa10cal.results.maps import Agreement, JointWitness
 from pa10cal.terms.effects.effect import Effect, driven_joints
 from pa10cal.terms.effects.joint_error_map import (

@@ -51,7 +51,6 @@ from pa10cal.discovery.finding import Finding, Untestable
 from pa10cal.discovery.gap import PairedErrors, errors_of, gap
 from pa10cal.discovery.gross_errors import moved_between_repeats
 from pa10cal.discovery.in_time import in_time_of
-from pa10cal.discovery.jacobians import ideal_by_joints
 from pa10cal.discovery.joint_steps import JointSteps, joint_steps_of, likely_joint_steps
 from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit, pure_error_test
 from pa10cal.discovery.next_poses import separating_poses, unresolved_pairs
@@ -65,6 +64,7 @@ from pa10cal.discovery.tuning import COMPUTING
 from pa10cal.discovery.verdict import Plan, Scorer, Verdict
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.joint_noise import ideal_by_joints
 from pa10cal.fit.problem import possible_sizes
 from pa10cal.numerics.covariances import whitener_of
 from pa10cal.numerics.gaussian import Gaussian

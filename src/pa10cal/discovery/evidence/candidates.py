@@ -18,10 +18,11 @@ from pa10cal.discovery.evidence.fit import EvidenceFit, pose_rows, torque_rows
 from pa10cal.discovery.evidence.likelihood import CandidateRows, LinearisedCandidates
 from pa10cal.discovery.evidence.problem import EvidenceProblem
 from pa10cal.discovery.finding import Untestable
-from pa10cal.discovery.jacobians import by_target_distortion, ideal_by_end
+from pa10cal.discovery.jacobians import by_target_distortion
 from pa10cal.discovery.preparation import computable, why_few_angles, why_hidden
 from pa10cal.discovery.rules import EVIDENCE
 from pa10cal.discovery.tuning import COMPUTING
+from pa10cal.fit.joint_noise import ideal_by_end
 from pa10cal.fit.problem import possible_sizes
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.term import shows_torque

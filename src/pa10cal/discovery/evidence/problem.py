@@ -9,13 +9,13 @@ import numpy as np
 from pa10cal.arm.statics import Payload, StaticLoads
 from pa10cal.arrays import Array
 from pa10cal.discovery.evidence.noise_model import NoiseModel, average_into_cells, shared_error
-from pa10cal.discovery.jacobians import ideal_by_joints
 from pa10cal.discovery.noise import Noise
 from pa10cal.discovery.nuisances import NO_MOTION, TimeFindings
 from pa10cal.discovery.preparation import MeasurementSetup, complete, context_of
 from pa10cal.discovery.repeats import noise_of_repeats, same_circumstances
 from pa10cal.discovery.rules import EVIDENCE
 from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.joint_noise import ideal_by_joints
 from pa10cal.fit.loads import statics_of
 from pa10cal.fit.uncertain_weights import unknown_tool
 from pa10cal.fit.weighed_arm import weighed_model
