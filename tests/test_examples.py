@@ -133,6 +133,15 @@ def test_examples_of_a_page_do_what_it_says(ran, page):
         assert not (captioned and not caption)
 
 
+@pytest.mark.slow
+def test_the_first_page_shows_what_the_run_prints(ran):
+    """Its block has no caption, and wraps a long line."""
+    after = (ROOT / "README.md").read_text("utf-8").partition(f"`{RUN}`")[2]
+    shown = after.split("```\n")[1]
+    assert "named: " in shown
+    assert " ".join(shown.split()) in " ".join(ran[1].split())
+
+
 def typed(line, here):
     """Type one line at a prompt in a folder, and return what it printed."""
     words, _, target = line.partition(" > ")
@@ -163,7 +172,7 @@ def shows(text, expected):
     [
         (None, "there is no campaign.yaml"),
         ("name: .hidden", "letters, digits"),
-        ("name: curve", "none of curve, datasets"),
+        ("name: curve", "allowed: no folder of a study; set name: my-curve"),
         ("robot: ur11", "ur11"),
     ],
 )
