@@ -61,6 +61,13 @@ def test_the_example_names_what_is_hidden(printed):
     assert any(line.startswith("held out:") for line in lines)
 
 
+def test_the_example_without_its_arguments_says_how_it_is_called(monkeypatch):
+    code = ROOT / "examples/calibrate_and_discover.py"
+    monkeypatch.setattr(sys, "argv", [str(code)])
+    with pytest.raises(SystemExit, match=r"calibrate_and_discover\.py data/raw"):
+        runpy.run_path(str(code), run_name="__main__")
+
+
 def test_its_model_is_enough_by_itself(printed):
     _, out = printed
     model = pa10cal.load_model(out)

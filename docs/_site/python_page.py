@@ -20,7 +20,7 @@ import pa10cal
 _HEAD = """# From Python
 
 This page is generated from the docstrings (`make schema`).
-`examples/calibrate_and_discover.py` uses all of it.
+`python examples/calibrate_and_discover.py data/raw/cell-a model.yaml` uses all of it.
 
 ```python
 import pa10cal

@@ -205,6 +205,22 @@ def test_a_xacro_file_is_imported_with_its_arguments(stand_ins, tmp_path, capsys
     assert '<robot name="a b">' in out.with_suffix(".urdf").read_text("utf-8")
 
 
+def test_a_name_that_is_imported_and_not_known_is_refused_with_what_may_be_meant(
+    stand_ins, tmp_path, capsys
+):
+    assert main(["import_arm", "plains", "--out", str(tmp_path / "mine.yaml")]) == 2
+    told = capsys.readouterr().err
+    assert "no robot is known by this name (got 'plains')" in told
+    assert "did you mean 'plain'?" in told
+
+
+def test_a_name_that_is_imported_without_the_packages_is_refused_with_what_to_install(
+    without_packages, tmp_path, capsys
+):
+    assert main(["import_arm", "ur5e", "--out", str(tmp_path / "mine.yaml")]) == 2
+    assert "robot_descriptions, which knows many: pip install '.[arms]'" in capsys.readouterr().err
+
+
 def test_a_xacro_file_is_found_by_a_path_from_here(stand_ins, monkeypatch):
     monkeypatch.chdir(stand_ins)
     text = known_arms.read_urdf(Path("cache/robots/folded.xacro"), {"name": "a"})

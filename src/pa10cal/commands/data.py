@@ -328,13 +328,16 @@ def _import_urdf(
     from pa10cal.arm.urdf_ends import ends_of_arm
     from pa10cal.arm.urdf_import import arm_from_urdf_text
     from pa10cal.files.arms import arm_text, parse_arm, with_short_limits
-    from pa10cal.files.known_arms import known_urdf, read_urdf
+    from pa10cal.files.known_arms import known_urdf, read_urdf, refuse_unknown
     from pa10cal.files.output import whole_files
     from pa10cal.yaml_file import parse_yaml
 
     # A file goes before a robot of its name; a name with an ending is that of a file.
-    known = None if file.suffix or file.is_file() else known_urdf(str(file))
+    may_be_known = len(file.parts) == 1 and not file.suffix and not file.is_file()
+    known = known_urdf(str(file)) if may_be_known else None
     if known is None:
+        if may_be_known:
+            raise refuse_unknown(str(file))
         text, where, origin = read_urdf(file, arguments), str(file), file.name
     else:
         text, where, origin = known.text, known.where, known.where

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 from pa10cal.arm.urdf_ends import ends_of_arm
 from pa10cal.arm.urdf_writing import UrdfSource
-from pa10cal.errors import ArmError, MissingPackageError, one_line
+from pa10cal.errors import ArmError, MissingPackageError, how_to_install, one_line, remedy_for
 from pa10cal.input_files import read_file, reason
 
 if TYPE_CHECKING:
@@ -110,6 +110,25 @@ def known_urdf(name: str) -> UrdfSource | None:
     except PackageNotFoundError:
         of_version = ""
     return UrdfSource(text, f"{name} of {PACKAGE}{of_version}", "", "")
+
+
+def refuse_unknown(name: str) -> ArmError:
+    """Return the refusal of a name of no file, and of no robot of robot_descriptions."""
+    known = known_arm_names()
+    if known:
+        remedy = remedy_for(name, known, "correct the name, or give the path of a file")
+    else:
+        remedy = (
+            f"check the path; if it is the name of a robot, install {PACKAGE}, which knows many: "
+            f"{how_to_install(PACKAGE)}"
+        )
+    return ArmError(
+        "no such file is here, and no robot is known by this name",
+        where="the URDF",
+        value=name,
+        allowed=f"a URDF file, or the name of a robot of {PACKAGE}",
+        remedy=remedy,
+    )
 
 
 def read_urdf(path: Path, arguments: Mapping[str, str] | None = None) -> str:
