@@ -317,6 +317,7 @@ def test_a_few_campaigns_are_covered(tmp_path):
     found = json.loads(out.read_text())
     paper = found["paper"]
     assert paper["campaigns"] == 5
+    assert paper["converged"] == 1.0
     assert len(paper["parameters"]) == 28
     assert 0.85 < paper["inside"] < 1.0
     assert 0.75 < paper["rms"] < 1.3

@@ -173,6 +173,13 @@ def test_scores_of_one_campaign_count_as_one():
     assert alone.inside_interval95 == pytest.approx(copied.inside_interval95)
 
 
+def test_campaigns_count_alike_in_the_share_and_scores_in_the_rms():
+    scores = np.full((2, 100), np.nan)
+    scores[0], scores[1, 0] = 0.0, 5.0
+    assert coverage(scores).inside == 0.5
+    assert coverage(scores).rms == pytest.approx(np.sqrt(25.0 / 101.0))
+
+
 def test_a_score_that_is_not_there_counts_neither_way():
     scores = np.random.default_rng(2).standard_normal((60, 4))
     scores[::3, 1] = np.nan
