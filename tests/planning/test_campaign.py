@@ -9,6 +9,7 @@ from pa10cal.command_settings import ChainOptions
 from pa10cal.errors import OutputError
 from pa10cal.planning.campaign import (
     arm_files,
+    by_general_model,
     campaign_name,
     raw_files,
     refuse_files_of_others,
@@ -95,3 +96,18 @@ def test_all_that_stages_write_and_their_logs_are_files_that_a_run_makes(
     with pytest.raises(OutputError, match="no run made") as refused:
         refuse_files_of_others(tmp_path)
     assert refused.value.where.endswith("notes.txt")
+
+
+@pytest.mark.parametrize(
+    ("model", "robot", "instrument", "general"),
+    [
+        ("auto", "pa10_6ce", "touch_trigger_cmm", False),
+        ("auto", "ur10", "touch_trigger_cmm", True),
+        ("auto", "pa10_6ce", "pose", True),
+        ("paper", "ur10", "touch_trigger_cmm", False),
+        ("general", "pa10_6ce", "touch_trigger_cmm", True),
+        ("auto", "pa10_6ce", "no_such_kind", True),
+    ],
+)
+def test_balls_touched_on_the_papers_arm_have_its_model(model, robot, instrument, general):
+    assert by_general_model(model, robot, instrument) == general

@@ -278,8 +278,9 @@ def by_general_model(campaign):
     """Whether the load cases of a campaign are worked out with the general model."""
     if campaign in IMPORTED or campaign in GROUPS:
         return True
+    folder = Path(SETTINGS.raw_dir, campaign)
     return planned_by_general_model(
-        SETTINGS.calibration.model, instrument_kind(Path(SETTINGS.raw_dir, campaign))
+        SETTINGS.calibration.model, robot_name(folder), instrument_kind(folder)
     )
 
 

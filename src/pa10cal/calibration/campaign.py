@@ -27,7 +27,9 @@ def calibrated_record(
             described does not fit the readings at all.
     """
     campaign = case.campaign
-    general = takes_general_model(case.options.model, from_touches=campaign.from_touches)
+    general = takes_general_model(
+        case.options.model, robot=case.arm.name, from_touches=campaign.from_touches
+    )
     about = base_frame or BaseFrameOptions(), campaign.name, campaign.name, campaign.provenance
     seed = locate_base(case.every, case.arm, *about)
     return calibration_record(case, seed, general=general)

@@ -10,14 +10,21 @@ from pa10cal.errors import remedy_for
 from pa10cal.options import NonNegative, Positive, Section, Tolerances
 
 
-def takes_general_model(model: str, *, from_touches: bool) -> bool:
+#: Arm of the paper, on whose flange the balls are known.
+PAPERS_ARM = "pa10_6ce"
+
+
+def takes_general_model(model: str, *, robot: str, from_touches: bool) -> bool:
     """Return whether load cases are computed with the general model.
 
     Args:
         model: `calibration.model` of the settings.
+        robot: name of the arm. On another one than the paper's, balls are where somebody mounted
+            them: the paper's model, which takes them as stated, is then off by the mounting.
         from_touches: whether the instrument touches balls, as the paper's does.
     """
-    return model == "general" or (model == "auto" and not from_touches)
+    papers = from_touches and robot == PAPERS_ARM
+    return model == "general" or (model == "auto" and not papers)
 
 
 class EffectOfPlace(Section):
@@ -54,8 +61,8 @@ class CalibrationOptions(Section):
 
     model: Literal["auto", "paper", "general"] = Field(
         "auto",
-        description="paper, general, or auto: the paper's where balls are touched, else the "
-        "general one",
+        description="paper, general, or auto: the paper's where balls are touched on its arm, "
+        "pa10_6ce, else the general one",
     )
     general: GeneralOptions = Field(
         GeneralOptions(), description="the general model, for any arm and instrument"

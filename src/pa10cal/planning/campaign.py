@@ -236,18 +236,20 @@ def instrument_kind(folder: Path) -> str:
     return str(instrument.get("kind") or "") if isinstance(instrument, dict) else ""
 
 
-def by_general_model(model: str, instrument: str) -> bool:
+def by_general_model(model: str, robot: str, instrument: str) -> bool:
     """Return whether a campaign's load cases are computed with the general model.
 
     Args:
         model: `calibration.model` of the settings.
+        robot: name of the arm.
         instrument: kind of the instrument.
     """
     from pa10cal.calibration.options import takes_general_model  # late: with numpy and scipy
     from pa10cal.observe.kinds import instruments
 
     found = instruments().get(instrument)
-    return takes_general_model(model, from_touches=found is not None and found.from_touches)
+    from_touches = found is not None and found.from_touches
+    return takes_general_model(model, robot=robot, from_touches=from_touches)
 
 
 def campaign_name(folder: Path) -> str:

@@ -69,7 +69,9 @@ def calibrate(
 
     campaign, arm, observations = read_measured(campaign_dir, poses)
     seed = read(BaseFrameRecord, base_frame, campaign.name)
-    general = takes_general_model(settings.model, from_touches=campaign.from_touches)
+    general = takes_general_model(
+        settings.model, robot=arm.name, from_touches=campaign.from_touches
+    )
     states = observations.of_kind("grid").states
     names: tuple[str, ...] = (load,) if load else load_cases(states)
     of_one_load = len(np.unique(states.load_N)) == 1
