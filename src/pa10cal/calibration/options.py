@@ -9,7 +9,6 @@ from pydantic import Field, field_validator
 from pa10cal.errors import remedy_for
 from pa10cal.options import NonNegative, Positive, Section, Tolerances
 
-
 #: Arm of the paper, on whose flange the balls are known.
 PAPERS_ARM = "pa10_6ce"
 
