@@ -188,7 +188,9 @@ class CampaignAlone(record.Part):
     chi_square: float  # of its shared parameters against those of the others
     dof: float  # directions of shared parameters that both determine
     p_value: float  # probability of that where nothing differs
-    contradicts: bool  # whether chance does not explain that it differs from the others
+    # whether chance does not explain that it differs from the others, and parameters of its own
+    # remove a tenth of its squared error
+    contradicts: bool
     worst: Difference  # the parameter that explains most of the difference
     # what the scale of its instrument explains alone, and what its range constant does where the
     # instrument has one, and where it stands is known

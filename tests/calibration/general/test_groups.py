@@ -27,6 +27,7 @@ from pa10cal.observe.pose import Touched
 from pa10cal.observe.quantities import Start
 from pa10cal.observe.seed import locate_base
 from pa10cal.options import BaseFrameOptions, Tolerances
+from pa10cal.results.calibration import CampaignAlone, Difference, GroupOfCampaigns
 
 ARM = load_arm("ur10")
 NOISE_M = 2e-5
@@ -238,6 +239,58 @@ def test_a_tool_heavier_than_stated_in_one_campaign_is_no_change_of_the_arm(see)
     unknown = replace(tool(0.0), known=False)
     group = per_campaign_fits(found.problem, found.fit, unknown)
     assert group.campaigns["of-1"].tool is None
+
+
+def differing(chi_square, worst, *instrument, dof=20.0):
+    """Return a campaign that differs by so much, of which causes explain so much."""
+
+    def cause(name, unit, explained, value=-2e-3):
+        return Difference(
+            name=name, unit=unit, value=value, std=1e-5, chi_square=explained, left_mm=0.1
+        )
+
+    return CampaignAlone(
+        poses=50,
+        rms_mm=0.2,
+        alone_rms_mm=0.1,
+        chi_square=chi_square,
+        dof=dof,
+        p_value=0.0,
+        contradicts=True,
+        worst=cause("delta_theta_3", "rad", worst),
+        instrument=tuple(cause("instrument_scale", "1", part) for part in instrument),
+    )
+
+
+def told_of(*campaigns):
+    named = dict(zip("abc", campaigns, strict=False))
+    group = GroupOfCampaigns(campaigns=named, parameters={})
+    (told,) = contradictions(group, {"delta_theta_3": 3})
+    return told
+
+
+def test_where_no_single_cause_explains_most_the_nearest_is_told_and_no_joint():
+    told = told_of(differing(1000.0, 100.0, 450.0), differing(900.0, 100.0))
+    assert "no single cause explains most of it; nearest is that a reads all lengths" in told.what
+    assert (told.where, told.kind, told.joint) == ("a", "campaigns", None)
+    (fault,) = faults_of_input([told])
+    assert (fault.kind, fault.where) == ("step_in_time", "a")
+    told = told_of(differing(1000.0, 600.0), differing(1000.0, 600.0))
+    assert (told.where, told.kind, told.joint) == ("delta_theta_3", "joint_zero", 3)
+
+
+@pytest.mark.parametrize("dof", [0.8, 1.0, 5.0])
+def test_what_the_likeliest_cause_leaves_is_told_however_little_is_shared(dof):
+    told = told_of(*[differing(1000.0, 600.0, dof=dof)] * 2)
+    assert "more than that differs" in told.what
+    told = told_of(*[differing(1000.0, 999.0, dof=dof)] * 2)
+    assert "more than that differs" not in told.what
+
+
+def test_a_change_of_the_arm_has_a_sign_and_further_campaigns_are_named():
+    told = told_of(*(differing(size, 0.9 * size) for size in (800.0, 1000.0, 900.0)))
+    assert "delta_theta_3 by -2 ± 0.01 mrad in b" in told.what
+    assert told.what.endswith("also against the others, perhaps only because of b: a, c")
 
 
 def test_the_campaign_that_alone_is_noisier_than_stated_is_named(members):

@@ -9,7 +9,7 @@ cause explains alone is compared.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -334,6 +334,7 @@ class _Cause(NamedTuple):
         name, value = self.differs.name, self.differs.value
         unit, scale = _SHOWN_UNITS.get(self.differs.unit, (self.differs.unit, 1.0))
         size = f"{scale * abs(value):.3g} ± {scale * self.differs.std:.2g} {unit}"
+        sign = "-" if value < 0.0 else "+"
         long = "long" if value > 0.0 else "short"
         if name == SCALE:
             clause = f"{self.campaign} reads all lengths {size} too {long} against the others"
@@ -343,7 +344,7 @@ class _Cause(NamedTuple):
             more = "more" if value > 0.0 else "less"
             clause = f"the tool of {self.campaign} weighs {size} {more} than stated"
         else:
-            clause = f"the arm was changed between them, {name} by {size}"
+            clause = f"the arm was changed between them, {name} by {sign}{size} in {self.campaign}"
         explains = f"explains {self.differs.chi_square:.0f} of it"
         if self.differs.left_mm is not None:
             explains += f", leaves {self.differs.left_mm:.3g} mm rms"
@@ -369,6 +370,24 @@ class _Cause(NamedTuple):
             return f"weigh the tool of {name}, and correct tool.mass_kg in its campaign.yaml"
         return "calibrate the campaigns before and after the change apart, and compare them"
 
+    def place(self, zeros: Mapping[str, int]) -> _Place:
+        """Return where it is and its kind; see `contradictions`."""
+        name = self.differs.name
+        if name in _MOST:
+            return _Place(f"{self.campaign}: the measured positions", name)
+        if name == TOOL_MASS:
+            return _Place(f"{self.campaign}: tool.mass_kg", OF_TOOL)
+        joint = zeros.get(name)
+        return _Place(name, "campaigns" if joint is None else "joint_zero", joint)
+
+
+class _Place(NamedTuple):
+    """Where a finding is, and of which kind."""
+
+    where: str
+    kind: str
+    joint: int | None = None
+
 
 def contradictions(
     group: records.GroupOfCampaigns, zeros: Mapping[str, int]
@@ -387,29 +406,21 @@ def contradictions(
     if not found:
         return ()
     first = max(found, key=lambda name: found[name].chi_square)
-    alone, arm = found[first], _Cause(first, found[first].worst)
-    likely = _likely_causes(group, first)
-    best = likely[0].differs
-    what = " or ".join(cause.words for cause in likely)
-    if arm not in likely:
-        what += f"; less likely {arm.words}"
-    left = max(alone.chi_square - best.chi_square, 0.0)
-    remedy = "; or ".join(dict.fromkeys(cause.remedy for cause in likely))
-    if _by_chance(left, alone.dof - 1.0) < GROUPS.chance_rate:
-        what += "; more than that differs"
-        remedy += "; unless the verdict has effects that explain it"
-    where, joint = arm.differs.name, zeros.get(arm.differs.name)
-    kind = "campaigns" if joint is None else "joint_zero"
-    if best.chi_square < GROUPS.mostly_share * alone.chi_square:
-        what = f"no single cause explains most of it; nearest is that {arm.words}"
+    alone, likely = found[first], _likely_causes(group, first)
+    if likely[0].differs.chi_square < GROUPS.mostly_share * alone.chi_square:
+        place = _Place(first, "campaigns")
+        what = f"no single cause explains most of it; nearest is that {likely[0].words}"
         remedy = (
             "calibrate the campaigns apart, and compare them: several parameters were changed, or "
             "the model lacks an effect of what differs between them, such as loads and poses"
         )
-    elif best.name in _MOST:
-        where, kind, joint = f"{likely[0].campaign}: the measured positions", best.name, None
-    elif best.name == TOOL_MASS:
-        where, kind, joint = f"{likely[0].campaign}: tool.mass_kg", OF_TOOL, None
+    else:
+        place = likely[0].place(zeros)
+        what, remedy = _by_causes(likely, _Cause(first, alone.worst), alone)
+    also = [name for name in found if name != first]
+    if len(campaigns) > 2 and also:
+        also_in = ", ".join(also)
+        what += f"; also against the others, perhaps only because of {first}: {also_in}"
     others = " and ".join(name for name in campaigns if name != first)
     squares = [own.rms_mm**2 for own in campaigns.values()]
     rms_mm = np.sqrt(np.average(squares, weights=[own.poses for own in campaigns.values()]))
@@ -417,13 +428,31 @@ def contradictions(
         InputFinding(
             what=f"{first} and {others} contradict each other (chi-square {alone.chi_square:.0f} "
             f"for {alone.dof:.0f} degrees of freedom, {rms_mm:.3g} mm rms): {what}",
-            where=where,
+            where=place.where,
             remedy=remedy,
-            kind=kind,
-            joint=joint,
+            kind=place.kind,
+            joint=place.joint,
             between_campaigns=True,
         ),
     )
+
+
+def _by_causes(
+    likely: Sequence[_Cause], arm: _Cause, alone: records.CampaignAlone
+) -> tuple[str, str]:
+    """Return what likely causes of a campaign's difference are, and what to do about them.
+
+    `arm` is a change of the arm, likely or not.
+    """
+    what = " or ".join(cause.words for cause in likely)
+    if arm not in likely:
+        what += f"; less likely {arm.words}"
+    remedy = "; or ".join(dict.fromkeys(cause.remedy for cause in likely))
+    left = max(alone.chi_square - likely[0].differs.chi_square, 0.0)
+    if _by_chance(left, max(alone.dof - 1.0, 1.0)) < GROUPS.chance_rate:
+        what += "; more than that differs"
+        remedy += "; unless the verdict has effects that explain it"
+    return what, remedy
 
 
 def _likely_causes(group: records.GroupOfCampaigns, first: str) -> list[_Cause]:
