@@ -25,7 +25,7 @@ from pa10cal.discovery.next_poses import (
 )
 from pa10cal.discovery.preparation import setup_of
 from pa10cal.discovery.rules import EVIDENCE, PROBABILITIES
-from pa10cal.discovery.separation import predicted, separation_criteria
+from pa10cal.discovery.separation import predicted, separation_criteria, without_repeats
 from pa10cal.discovery.tuning import NEXT_POSES
 from pa10cal.errors import DiscoveryError
 from pa10cal.files.arms import load_arm
@@ -33,6 +33,7 @@ from pa10cal.fit.validity import AngleCoverage, angles_seen
 from pa10cal.options import DiscoveryOptions
 from pa10cal.rules import ANGLES
 from pa10cal.terms.effects.effect import Effect, candidates
+from pa10cal.terms.term import yields
 
 ARM = load_arm("pa10_6ce")
 FLEXIBLE = (2, 3, 5)
@@ -265,6 +266,50 @@ def test_what_is_predicted_is_what_was_measured(ratio):
         for part in (np.s_[:, :3], np.s_[:, 3:]):
             assert np.linalg.norm((foreseen - seen)[part]) < 0.2 * np.linalg.norm(seen[part])
     assert np.abs(ratio.start.at.compared(poses).residual).max() < 1e-12
+
+
+def test_torques_that_no_mass_explains_are_not_predicted(ratio):
+    """Nor those that bend the model where one reading has none; else torques have no rows."""
+    problem, states = ratio.problem, ratio.problem.readings.states
+    tau_Nm = states.tau_Nm.copy()
+    tau_Nm[3, 0] = np.nan
+    ahead = replace(states.take(np.arange(8)), tau_Nm=tau_Nm[:8] * np.nan, static_loads=None)
+    without_masses = replace(problem, setup=replace(problem.setup, payload=None))
+    partly = problem.readings.with_states(replace(states, tau_Nm=tau_Nm))
+    for readings in (problem.readings, partly):
+        with pytest.raises(DiscoveryError, match="torques cannot be predicted"):
+            predicted(replace(without_masses, readings=readings), ratio.start, ahead)
+    model = ratio.start.at.model
+    rigid = replace(model, terms=tuple(term for term in model.terms if not yields(term)))
+    at = ratio.start.at
+    x = at.x[model.parameter_indices(*rigid.terms)]
+    stiff = replace(ratio.start, at=replace(at, model=rigid, x=x))
+    baseline = replace(problem.baseline, model=rigid, x=x)
+    known = replace(without_masses, readings=partly, baseline=baseline)
+    assert predicted(known, stiff, ahead).torque is None
+
+
+def test_some_of_very_many_poses_stand_for_all(eccentric, monkeypatch):
+    """The larger separation is as by all of them; the smaller depends on which are taken."""
+    scorer = eccentric.discovery.scorer
+    (finding,) = eccentric.discovery.findings
+    rival = next(
+        each
+        for each in candidates(eccentric.discovery.context)
+        if (each.id, each.of) == ("gear_ratio_error", finding.of)
+    )
+    states = replace(scorer.survey.poses.states.take(np.arange(10)), static_loads=None)
+    states = replace(states, tau_Nm=np.full(states.tau_Nm.shape, np.nan))
+    values = []
+    for most in (1000, len(scorer.survey.poses) // 2):
+        monkeypatch.setattr(
+            "pa10cal.discovery.separation.NEXT_POSES", replace(NEXT_POSES, most_measured=most)
+        )
+        problem, found = without_repeats(scorer.survey, scorer.extended, scorer.noise)
+        pair = (finding.effect, rival)
+        ahead = predicted(problem, found, states)
+        values.append(separation_criteria(problem, found, [pair], ahead)[0].values.max())
+    assert values[1] == pytest.approx(values[0], rel=0.05)
 
 
 # What more log evidence is expected to say.

@@ -1,15 +1,16 @@
 """How far poses that were not measured would separate effects: their rows, and a criterion.
 
 The separation of an effect from its rival is the expected difference of their log evidence if the
-effect is present in the size found: the squares of its signal that the rival and the model's own
-parameters cannot follow. Either may be present, so the smaller of both separations counts.
+effect is present in the size found: D / 2 log(1 + S / D), where S is the sum of squares of its
+signal that the rival and the model's own parameters cannot follow, and D the number of measured
+components (`SeparationCriterion`). Either may be present, so the smaller of both counts.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -36,7 +37,7 @@ from pa10cal.numerics.pose_sets import Combined, SeparationCriterion
 from pa10cal.observe.instrument import Instrument, group_means
 from pa10cal.observe.observations import Observations
 from pa10cal.terms.effects.effect import Effect
-from pa10cal.terms.term import shows_torque
+from pa10cal.terms.term import shows_torque, yields
 
 
 def predicted(problem: EvidenceProblem, found: EvidenceFit, states: PoseStates) -> EvidenceProblem:
@@ -45,41 +46,74 @@ def predicted(problem: EvidenceProblem, found: EvidenceFit, states: PoseStates) 
     Readings are predicted by a fit to the campaign. The torques of the states are nan.
 
     Raises:
-        DiscoveryError: when torques were logged but the weights that make them are not known.
+        DiscoveryError: when torques were logged, or bend the model, but the weights that make them
+            are not known.
     """
-    baseline, setup, readings = problem.baseline, problem.setup, problem.readings
-    if setup.payload is None and np.all(np.isfinite(readings.states.tau_Nm)):
-        raise DiscoveryError(
-            "torques cannot be predicted in configurations that were not measured",
-            where=baseline.model.chain.arm.name,
-            allowed="an arm and a tool whose masses are known",
-            remedy="complete the descriptions of arm and tool",
-        )
-    repeats = round(len(readings) / (1 + int(same_circumstances(readings).max())))
-    states, _ = with_torques(baseline.model, baseline.x, states, setup.payload)
-    label = np.array([f"next {k}" for k in range(len(states))])
-    poses = Observations.single(label, states, _as_seen(problem, baseline, states))
-    poses = replace(poses, readings=np.full(len(states), repeats))
-    states = complete(poses, baseline, setup).states
-    if problem.torques_logged and states.static_loads is not None:
-        tau_Nm = states.static_loads.joint_Nm + found.model.torque_Nm(states, found.at.x)
-        states = replace(states, tau_Nm=tau_Nm)
-    poses = replace(poses, states=states, measured=_as_seen(problem, found.at, states))
-    cov = _reading_cov(problem, poses) / repeats
-    torque = problem.torque
-    if torque is not None and setup.payload is not None:
-        weights = statics_of(baseline.model, baseline.x, states, setup.payload)
-        u_Nm, loads_N = problem.noise.torque_Nm, problem.cells.states.load_N
-        torque = torque_noise_model(poses, weights, baseline, setup, u_Nm, loads_N)
+    _refuse_unknown_torques(problem, found)
+    poses = _with_readings(problem, found, _with_torques(problem, found, states))
+    cov = _reading_cov(problem, poses) / poses.readings[:, None, None]
     return replace(
         problem,
         readings=poses,
         cells=poses,
         cell_cov=cov,
-        pose=pose_noise_model(poses, cov, baseline, setup, problem.in_time),
-        torque=torque,
-        torque_without_weights_Nm=np.zeros_like(states.tau_Nm),
+        pose=pose_noise_model(poses, cov, problem.baseline, problem.setup, problem.in_time),
+        torque=_torque_noise(problem, poses),
+        # Derivatives alone separate effects: no data of these poses are needed.
+        torque_without_weights_Nm=np.zeros_like(poses.states.tau_Nm),
     )
+
+
+def _refuse_unknown_torques(problem: EvidenceProblem, found: EvidenceFit) -> None:
+    logged = np.all(np.isfinite(problem.readings.states.tau_Nm))
+    if problem.setup.payload is None and (logged or any(map(yields, found.model.terms))):
+        raise DiscoveryError(
+            "torques cannot be predicted in configurations that were not measured",
+            where=problem.baseline.model.chain.arm.name,
+            allowed="an arm and a tool whose masses are known",
+            remedy="complete the descriptions of arm and tool",
+        )
+
+
+def _with_torques(problem: EvidenceProblem, found: EvidenceFit, states: PoseStates) -> Observations:
+    """Return poses with the torques that a log would have, and with the baseline's readings."""
+    baseline, setup = problem.baseline, problem.setup
+    states, _ = with_torques(baseline.model, baseline.x, states, setup.payload)
+    label = np.array([f"next {k}" for k in range(len(states))])
+    poses = Observations.single(label, states, _as_seen(problem, baseline, states))
+    poses = complete(poses, baseline, setup)
+    loads = poses.states.static_loads
+    if not problem.torques_logged or loads is None:
+        return poses
+    # A log holds what friction and effects do to torques, besides the weights.
+    tau_Nm = loads.joint_Nm + found.model.torque_Nm(poses.states, found.at.x)
+    return poses.with_states(replace(poses.states, tau_Nm=tau_Nm))
+
+
+def _with_readings(
+    problem: EvidenceProblem, found: EvidenceFit, poses: Observations
+) -> Observations:
+    """Return poses with the readings of what was found, which their torques bend, and their number.
+
+    Each is read as often as a measured one is on average.
+    """
+    measured = problem.readings
+    poses_measured = 1 + int(same_circumstances(measured).max())
+    return replace(
+        poses,
+        measured=_as_seen(problem, found.at, poses.states),
+        readings=np.full(len(poses), round(len(measured) / poses_measured)),
+    )
+
+
+def _torque_noise(problem: EvidenceProblem, poses: Observations) -> NoiseModel | None:
+    """Return the noise model of the torques of poses; None where the campaign has none."""
+    baseline, setup = problem.baseline, problem.setup
+    if problem.torque is None or setup.payload is None:
+        return None
+    weights = statics_of(baseline.model, baseline.x, poses.states, setup.payload)
+    u_Nm, loads_N = problem.noise.torque_Nm, problem.cells.states.load_N
+    return torque_noise_model(poses, weights, baseline, setup, u_Nm, loads_N)
 
 
 def _as_seen(problem: EvidenceProblem, at: FittedModel, states: PoseStates) -> Instrument:
@@ -95,9 +129,7 @@ def _as_seen(problem: EvidenceProblem, at: FittedModel, states: PoseStates) -> I
         return ideal
     to_end = _axes_of_end(at, problem.readings).transpose(0, 2, 1)
     along_end = np.mean(to_end @ measured.by_stated_targets, axis=0)
-    # A field of the instruments that have stated targets alone.
-    stated: dict[str, Any] = {"by_apparatus": ideal.axes_of_end(T_instr_ee) @ along_end}
-    return replace(ideal, **stated)
+    return ideal.with_stated_targets(ideal.axes_of_end(T_instr_ee) @ along_end)
 
 
 def _reading_cov(problem: EvidenceProblem, poses: Observations) -> Array:
@@ -133,7 +165,7 @@ def without_repeats(
     """Return a campaign without repeats as the problem of one with repeats, and a fit to it.
 
     The scatter beyond the noise of readings is the variance of the error that readings of a pose
-    share. Of very many poses some are used.
+    share. Of very many poses some are used, each of which stands for several.
     """
     count = len(survey.poses)
     rows = np.linspace(0, count - 1, min(count, NEXT_POSES.most_measured)).round().astype(np.intp)
@@ -160,6 +192,7 @@ def without_repeats(
         context=survey.context,
         torques_logged=survey.torques_logged,
         in_time=in_time,
+        poses_a_cell=count / len(rows),
     )
     fit = EvidenceFit(
         effects=found.effects,
@@ -208,7 +241,7 @@ class _Rows:
     by_effect: Mapping[Effect, Array]
     as_found: Mapping[Effect, Array]  # (C + N, b, 1) of each effect of the fit, in its amount
     measured: int  # C
-    components: int  # components of the measured poses, repeats counted once
+    components: int  # components of all poses of the campaign, repeats counted once
 
     @classmethod
     def of(
@@ -233,11 +266,13 @@ class _Rows:
             by_effect={e: rows[e] @ now.factors[e] * sizes[e] for e in effects},
             as_found={e: rows[e][..., : e.linear] @ amount for e, amount in amounts.items()},
             measured=len(now.common),
-            components=len(never) * now.common.shape[1] - int(never.sum()),
+            components=round(
+                problem.poses_a_cell * (len(never) * now.common.shape[1] - int(never.sum()))
+            ),
         )
 
     def separation(self, truth: Effect, rival: Effect | None) -> SeparationCriterion:
-        """Return the squares of a true effect that all that may be adjusted leaves."""
+        """Return the separation of a true effect from all that may be adjusted instead."""
         signal = self._signal(truth, rival)
         rows = np.concatenate([self._adjustable(truth, rival), signal], axis=2)
         k = rows.shape[2]

@@ -273,6 +273,10 @@ class Instrument(ABC):
         """
         return np.zeros((*self.components_seen.shape, 0))
 
+    def with_stated_targets(self, by_stated_targets: Array) -> Self:
+        """Return the readings with another such derivative, where a is not 0."""
+        raise NotImplementedError(self.kind)
+
     @property
     def components_seen(self) -> NDArray[np.bool_]:
         """Return which components were measured in each pose, (P, b)."""

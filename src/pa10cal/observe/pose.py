@@ -199,6 +199,9 @@ class Pose(Instrument):
     def by_stated_targets(self) -> Array:
         return self.by_apparatus
 
+    def with_stated_targets(self, by_stated_targets: Array) -> Self:
+        return replace(self, by_apparatus=by_stated_targets)
+
     @property
     def components_seen(self) -> NDArray[np.bool_]:
         return np.ones((len(self), 6), dtype=bool)

@@ -47,6 +47,7 @@ class EvidenceProblem:
     context: CandidateContext  # where effects may sit
     torques_logged: bool  # whether torques were logged, and scatter
     in_time: TimeFindings = NO_MOTION  # motion of base or instrument in the course of time
+    poses_a_cell: float = 1.0  # poses that each measured one stands for, as one of very many
     # cache of the derivatives of effects at the cells, the same in all fits
     derivative_cache: DerivativeCache = field(
         default_factory=DerivativeCache, compare=False, repr=False
