@@ -89,7 +89,7 @@ def test_what_is_no_text_or_too_large_is_refused(
         read_yaml(path, RawDataError, what="it cannot be read")
     path.write_text("a: 1\n" * 10, encoding="utf-8")
     monkeypatch.setattr("pa10cal.yaml_file.MAX_BYTES", 40)
-    with pytest.raises(RawDataError, match="MB are read"):
+    with pytest.raises(RawDataError, match="50 bytes, at most 40 bytes are read"):
         read_yaml(path, RawDataError, what="it cannot be read")
 
 

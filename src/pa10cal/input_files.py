@@ -16,6 +16,8 @@ import stat
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from typing_extensions import Buffer, override
+
 #: Kinds of what stands at a path, and what each is called.
 _KINDS = (
     (stat.S_ISDIR, "a folder"),
@@ -75,22 +77,46 @@ def read_file(path: Path, most_bytes: int, *within: Path | None) -> bytes:
 
 
 def read_csv(path: Path, most_bytes: int, *within: Path | None) -> Iterator[tuple[int, list[str]]]:
-    """Yield the rows of a table of UTF-8 text with their line; blank ones not. See `read_file`.
+    """Yield the rows of a table of UTF-8 text with their first line; blank ones not.
+
+    See `read_file`. As of any generator, errors are raised when rows are asked for.
 
     Raises:
         OSError, ValueError: saying why it cannot be read, without its content.
     """
-    with io.TextIOWrapper(open_file(path, *within), encoding="utf-8-sig", newline="") as file:
-        _refuse_larger(os.fstat(file.fileno()).st_size, path, most_bytes)
-        rows = csv.reader(file, strict=True)
+    with open_file(path, *within) as content:
+        _refuse_larger(os.fstat(content.fileno()).st_size, path, most_bytes)
+        counted = io.BufferedReader(_Counted(content, path, most_bytes))
+        rows = csv.reader(io.TextIOWrapper(counted, "utf-8-sig", newline=""), strict=True)
+        line = 1
         try:
             for row in rows:
                 if any(map(str.strip, row)):
-                    yield rows.line_num, row
+                    yield line, row
+                line = rows.line_num + 1
         except UnicodeDecodeError:
             raise ValueError("it is not UTF-8 text") from None
         except csv.Error as error:
             raise ValueError(f"line {rows.line_num}: {error}") from None
+
+
+class _Counted(io.RawIOBase):
+    """The bytes of a file, which is refused as soon as more are read than is allowed."""
+
+    def __init__(self, file: io.BufferedReader, path: Path, most_bytes: int) -> None:
+        self._file, self._path, self._most_bytes, self._read = file, path, most_bytes, 0
+
+    @override
+    def readable(self) -> bool:
+        return True
+
+    @override
+    def readinto(self, buffer: Buffer, /) -> int:
+        content = self._file.read1(memoryview(buffer).nbytes)
+        self._read += len(content)
+        _refuse_larger(self._read, self._path, self._most_bytes)
+        memoryview(buffer)[: len(content)] = content
+        return len(content)
 
 
 #: Files beside a data set of lerobot that state the names of columns of arrays.
@@ -98,9 +124,12 @@ _STATES_NAMES = ("meta/info.json", "info.json")
 
 
 def names_beside(path: Path) -> Path | None:
-    """Return the file that may state the names of the columns of `path`; None for none."""
+    """Return the file that may state the names of the columns of `path`; None for none.
+
+    It lies in the folder of `path`.
+    """
     stated = (path.parent / each for each in _STATES_NAMES)
-    return next((each for each in stated if each.is_file()), None)
+    return next((each for each in stated if is_file(each, path.parent)), None)
 
 
 def is_file(path: Path, *within: Path | None) -> bool:
@@ -114,10 +143,13 @@ def is_file(path: Path, *within: Path | None) -> bool:
 
 
 def reason(error: OSError | ValueError) -> str:
-    """Return in words why a file cannot be read, without its path and without its content."""
+    """Return in words why a file cannot be read, without its path.
+
+    Errors of this module do not quote its content; others may.
+    """
     if isinstance(error, FileNotFoundError):
         return "the file is not there"
-    return (isinstance(error, OSError) and error.strerror) or str(error)
+    return (isinstance(error, OSError) and error.strerror) or str(error) or "it is refused"
 
 
 def _unfit(path: Path, why: str) -> UnfitFileError:
@@ -126,7 +158,9 @@ def _unfit(path: Path, why: str) -> UnfitFileError:
 
 def _refuse_larger(size: int, path: Path, most_bytes: int) -> None:
     if size > most_bytes:
-        raise _unfit(path, f"{size / 1e6:.0f} MB, at most {most_bytes / 1e6:.0f} MB are read")
+        exact = size < 1e5 or size < 1.01 * most_bytes
+        sizes = (f"{n} bytes" if exact else f"{n / 1e6:.3g} MB" for n in (size, most_bytes))
+        raise _unfit(path, "{}, at most {} are read".format(*sizes))
 
 
 def _refuse_other_kinds(of: os.stat_result, path: Path) -> None:
@@ -137,7 +171,12 @@ def _refuse_other_kinds(of: os.stat_result, path: Path) -> None:
 
 
 def _anywhere(path: Path) -> int:
-    _refuse_other_kinds(path.stat(), path)
+    try:
+        _refuse_other_kinds(path.stat(), path)
+    except OSError as error:
+        if error.errno == errno.ELOOP:
+            _refuse_other_kinds(path.lstat(), path)
+        raise
     return os.open(path, _READ)
 
 

@@ -57,8 +57,8 @@ _ANOTHER_SCALE = 0.01
 def puts_right(remaining: float, expected: float, noise: float = np.inf) -> bool:
     """Return whether a remedy that leaves a `remaining` error removes what is wrong.
 
-    It does if the error is as of right data: `expected` of a nominal arm, or the readings' noise,
-    all in one unit.
+    It does if the error is as of right data by both measures: not far above `expected` of a nominal
+    arm, nor far above the readings' noise, where that is known; all in one unit.
     """
     return bool(remaining <= min(TIMES_EXPECTED * expected, TIMES_NOISE * noise))
 
