@@ -159,6 +159,24 @@ def test_readings_of_different_targets_are_no_repeats():
     assert repeated(replace(readings, measured=measured)) == 0
 
 
+def test_targets_that_are_seen_in_turn_repeat_those_seen_before():
+    readings, deviation, screws = readings_of()  # four readings a side, by turns of two targets
+    seen = np.ones(deviation.shape, dtype=bool)
+    seen[::2, :3] = False
+    seen[1::2, 3:] = False
+
+    class Partly(type(readings.measured)):
+        components_seen = seen
+
+    in_turn = replace(readings, measured=Partly(**vars(readings.measured)))
+    assert repeated(in_turn) == len(readings) // 2
+    found = noise_of_repeats(in_turn, np.where(seen, deviation, np.nan), screws)
+    assert found.differences == len(readings) // 2
+    np.testing.assert_allclose(found.joint_rad, JOINT_RAD, rtol=0.2)
+    assert found.origin == f"{found.differences} {found.pairs_are}"
+    assert "mrad" not in found.origin
+
+
 def test_too_few_repeats_are_refused():
     readings, deviation, screws = readings_of(poses=NOISE.least_differences // 2, repeats=3)
     enough = noise_of_repeats(readings, deviation, screws)

@@ -420,7 +420,8 @@ def not_sought(
     campaign = replace(campaign, baseline=calibrated.with_bends())
     baseline, setup = campaign.baseline, campaign.setup
     readings = complete(campaign.trusted, baseline, setup)
-    noise = noise_of_near_poses(readings, baseline.compared(readings).residual)
+    slides = bool(baseline.arm.prismatic.any())
+    noise = noise_of_near_poses(readings, baseline.compared(readings).residual, slides)
     measured, group = readings.measured, reading_groups(readings)
     cov = mean_covariance(noise.cov, measured.components_seen, group)
     poses, held_out = complete(average_repeats(readings), baseline, setup), campaign.held_out

@@ -26,6 +26,7 @@ class Noise:
     # [rad], along the instrument's axes
     cov: Array
     differences: int  # pairs of readings behind it; 0 where it is what the instrument states
+    pairs_are: str = ""  # what these pairs are, in words
     components_compared: int = 0  # of all pairs of repeats: those that both readings have
     # (n,) standard deviation of each joint's position; empty where not attributed to sources
     joint_rad: Array = field(default_factory=lambda: np.zeros(0))
@@ -36,20 +37,14 @@ class Noise:
     # share of the variance of logged torques about those of the weights that is noise; the rest is
     # of forces that nobody stated
     torque_share: float = 1.0
-    # how far apart the poses of pairs that are no repeats may be [rad; m of a prismatic joint]
-    within: float = NOISE.same_pose
 
     @property
     def origin(self) -> str:
-        """Return the source of noise that was not found from repeats, in words."""
-        if not self.differences:
-            scatter = " and the scatter of logged torques" * bool(np.any(self.torque_Nm > 0.0))
-            return f"the instrument's stated uncertainty{scatter}: repeats do not show the noise"
-        carried_on = "" if self.within == NOISE.same_pose else ", carried on to the same pose"
-        return (
-            f"{self.differences} pairs of poses closer than {1e3 * self.within:g} mrad in every "
-            f"joint{carried_on}"
-        )
+        """Return where the noise is from, in words."""
+        if self.differences:
+            return f"{self.differences} {self.pairs_are}"
+        scatter = " and the scatter of logged torques" * bool(np.any(self.torque_Nm > 0.0))
+        return f"the instrument's stated uncertainty{scatter}: repeats do not show the noise"
 
 
 def with_torque_noise(

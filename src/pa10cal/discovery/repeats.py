@@ -56,14 +56,25 @@ def enough_repeats(readings: Observations) -> bool:
 
 
 def _pairs(readings: Observations) -> tuple[Index, Index]:
-    """Return readings and the next ones of their `repeat_groups`, with a target that both saw."""
-    group = repeat_groups(readings)
-    order = np.lexsort((readings.states.time_s, group))
-    pairs = np.flatnonzero(np.diff(group[order]) == 0)
-    first, second = order[pairs], order[pairs + 1]
-    seen = readings.measured.components_seen
-    both = (seen[first] & seen[second]).any(axis=1)
-    return first[both], second[both]
+    """Return the latest earlier reading of every one that repeats another, and that one, (D,) each.
+
+    Of the same one of `repeat_groups`, with a component that both have: of an instrument that looks
+    at targets in turn, the next reading may have none.
+    """
+    groups = repeat_groups(readings)
+    order = np.lexsort((readings.states.time_s, groups))
+    group, seen = groups[order], readings.measured.components_seen[order]
+    earlier, later = np.full(len(order), -1), np.arange(len(order))
+    back = 0
+    while len(later):  # those for which none was found yet among as many before them
+        back += 1
+        later = later[later >= back]
+        later = later[group[later] == group[later - back]]
+        shared = (seen[later] & seen[later - back]).any(axis=1)
+        earlier[later[shared]] = later[shared] - back
+        later = later[~shared]
+    at = np.flatnonzero(earlier >= 0)
+    return order[earlier[at]], order[at]
 
 
 # The noise that they show.
@@ -100,6 +111,7 @@ def noise_of_repeats(readings: Observations, deviation: Array, screws: Array) ->
     return Noise(
         cov=of_seen(np.einsum("k,pkij->pij", variances, sources), seen),
         differences=len(first),
+        pairs_are="pairs of successive readings of one pose, load and direction",
         components_compared=int(both.sum()),
         joint_rad=np.sqrt(variances[:n]),
         instrument=float(np.sqrt(variances[n])),

@@ -156,7 +156,7 @@ class Survey:
     def noise_about(self, at: FittedModel) -> Noise:
         """Return the noise of single readings: from nearly equal poses, else as stated."""
         residual = self.net_residual(at)
-        noise = noise_of_near_poses(self.poses, residual)
+        noise = noise_of_near_poses(self.poses, residual, bool(at.arm.prismatic.any()))
         if not self.torques_logged:
             return noise
         return with_torque_noise(noise, residual, at, self.poses, self.setup.payload)
