@@ -266,6 +266,30 @@ def test_departures_held_at_zero_may_be_perfectly_correlated():
     assert what_moved(replace(model, covariance=covariance), held).verdict == "unchanged"
 
 
+@pytest.mark.parametrize("beyond", [0.0, 1e-13], ids=["perfectly", "all but perfectly"])
+def test_what_both_models_hold_together_says_nothing(beyond):
+    """Of parameters that are one in both models their difference is not an error of either."""
+    first, second = campaign(1), campaign(2)
+    k, other = (
+        [parameter.name for parameter in first.model.parameters].index(name)
+        for name in ("delta_theta_2", "delta_theta_3")
+    )
+    covariance = first.covariance.copy()
+    size = np.sqrt(covariance[k, k] * covariance[other, other]) * (1.0 - beyond)
+    covariance[k, other] = covariance[other, k] = size
+    tied, free = (replace(model, covariance=covariance) for model in (first, second))
+    found = what_moved(tied, free)
+    assert found.verdict == "unchanged"
+    assert found.dof == what_moved(first, second).dof - 1
+    moved = what_moved(tied, shifted(free, delta_theta_5=3e-3))
+    assert moved.line.startswith("joint zero moved: the zero of joint 5 by +")
+
+
+def test_models_of_other_arms_are_refused():
+    with pytest.raises(ModelError, match="different layouts"):
+        what_moved(campaign(1), campaign(2, robot="ur10"))
+
+
 def test_of_models_without_a_common_term_of_the_arm_only_base_and_tool_differ():
     model = campaign(1)
     frames = model.only(*(term for term in model.model.terms if "tool" in term.roles))
@@ -439,6 +463,18 @@ def test_every_parameter_is_there_with_its_interval_and_what_moved_is_told():
     assert drift([campaign(1), campaign(2)], NAMES[:2]).line == "unchanged over 2 campaigns"
 
 
+def test_an_arm_that_creeps_is_told_by_the_first_and_the_last_campaign():
+    creeping = [shifted(campaign(10 + k), delta_theta_3=3e-5 * k) for k in range(8)]
+    names = [f"c{k}" for k in range(8)]
+    found = drift(creeping, names)
+    assert {step.what_moved.verdict for step in found.steps} == {"unchanged"}
+    assert (found.overall.first, found.overall.second) == ("c0", "c7")
+    assert found.line.startswith("over all, c0 to c7: joint zero moved: the zero of joint 3")
+    still = drift([campaign(10 + k) for k in range(8)], names)
+    assert still.line == "unchanged over 8 campaigns"
+    assert drift(creeping[:2], names[:2]).overall is None
+
+
 def test_bases_and_tools_of_the_campaigns_of_a_group_are_not_of_the_arm():
     def of_group(arm):
         of_second = (OfCampaign(frame, 1, "second") for frame in (base_frame(), tool_frame()))
@@ -479,6 +515,7 @@ def test_numbers_at_the_axes_lie_in_the_picture_and_over_no_other_panel(tmp_path
         ([campaign(1), replace(campaign(2), covariance=None)], NAMES[:2], "covariance"),
         ([campaign(1), campaign(2)], ("june", "june"), "two models of the same name"),
         ([campaign(1), campaign(2, robot="ur10")], NAMES[:2], "different layouts"),
+        ([campaign(1), campaign(2)], NAMES[:1], "names that are not as many as the models"),
     ],
 )
 def test_what_cannot_be_drawn_is_refused(models, names, message):

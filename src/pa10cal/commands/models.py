@@ -532,7 +532,8 @@ def drift(models: tuple[Path, ...], *, out: Path, figures: Path | None = None) -
     Args:
         models: model.yaml of every campaign, or the results that hold it, in order of time.
         out: every parameter that poses determine with its interval, but for curves of more than 24
-            parameters, and what moved from each campaign to the next, to write (.json).
+            parameters, and what moved from each campaign to the next and from the first to the
+            last, to write (.json).
         figures: folder for a figure of the same name.
 
     Examples:
@@ -556,5 +557,5 @@ def drift(models: tuple[Path, ...], *, out: Path, figures: Path | None = None) -
         from pa10cal.figures.draw import write_drift
 
         write_drift(record, figures, out.stem, FigureOptions().png_dpi)
-    for step in record.steps:
+    for step in (*record.steps, *([record.overall] if record.overall else [])):
         print(f"{step.first} to {step.second}: {step.what_moved.line}")

@@ -20,6 +20,7 @@ from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array, Index
 from pa10cal.errors import ModelError
 from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.numerics.covariances import precision_of
 from pa10cal.rules import COMPARED
 from pa10cal.terms.effects.effect import is_effect
 from pa10cal.terms.joint_spring import is_spring
@@ -39,8 +40,6 @@ _FRAMES = ("T_base_row1", "T_row_n_ee")
 _END = "tool or targets"
 #: Size of a difference of targets [m] (unit).
 _TARGET_SCALE_M = 1e-3
-#: Least share of a variance along a direction that counts as not zero (computing).
-_NO_VARIANCE = 1e-12
 
 
 def refuse_other_layout(one: Arm, other: Arm, names: tuple[str, str]) -> None:
@@ -172,11 +171,8 @@ def _with_zero(model: FittedModel, departures: Index) -> FittedModel:
     free = departures[np.diag(covariance)[departures] > 0.0]
     if not len(free):
         return model
-    size = np.sqrt(np.diag(covariance)[free])
-    correlation = covariance[np.ix_(free, free)] / np.outer(size, size)
     # Departures that are functions of others are conditioned by these already.
-    inverse = np.linalg.pinv(correlation, rcond=_NO_VARIANCE, hermitian=True)
-    by_free = covariance[:, free] @ (inverse / np.outer(size, size))
+    by_free = covariance[:, free] @ precision_of(covariance[np.ix_(free, free)])
     step, frames = -by_free @ model.x[free], len(model.x) + len(BASE)
     return replace(
         model,

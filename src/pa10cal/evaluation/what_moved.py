@@ -31,6 +31,7 @@ from pa10cal.fit.moved import (
     sought,
 )
 from pa10cal.fit.problem import gain_along, remaining_disagreement
+from pa10cal.numerics.covariances import NO_VARIANCE, precision_of
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.results.comparison import DriftRecord, DriftRows, DriftStep, MovedThing, WhatMoved
 from pa10cal.results.number_text import HALF_WIDTH_95
@@ -50,8 +51,18 @@ _UNIT = 1e-3
 _SHOWN_IN = {"rad": (1e3, "mrad"), "m": (1e3, "mm"), "1": (1e2, "%")}
 
 
-def what_moved(first: FittedModel, second: FittedModel) -> WhatMoved | None:
-    """Return what moved between two models of one arm, in order; None without a covariance."""
+def what_moved(
+    first: FittedModel, second: FittedModel, names: tuple[str, str] = ("first", "second")
+) -> WhatMoved | None:
+    """Return what moved between two models of one arm, in order; None without a covariance.
+
+    Args:
+        names: of the two, in messages.
+
+    Raises:
+        ModelError: when the arms differ in layout.
+    """
+    refuse_other_layout(first.arm, second.arm, names)
     if first.covariance is None or second.covariance is None:
         return None
     found = differences(first, second)
@@ -83,13 +94,11 @@ def what_moved(first: FittedModel, second: FittedModel) -> WhatMoved | None:
 
 
 def _disagreement(found: Differences) -> Gaussian:
-    """Return the differences (k,) as a Gaussian of precision zero along those without variance.
+    """Return the differences (k,) as a Gaussian of precision zero where they have no variance.
 
-    Those parameters are held in both models, so their difference says nothing.
+    Along those directions both models are held, so their difference says nothing.
     """
-    known = np.diag(found.covariance) > 0.0
-    precision = np.zeros_like(found.covariance)
-    precision[np.ix_(known, known)] = np.linalg.inv(found.covariance[np.ix_(known, known)])
+    precision = precision_of(found.covariance)
     return Gaussian.of_products(precision, precision @ found.values)
 
 
@@ -131,14 +140,15 @@ def _verdict(moved: Sequence[MovedPart]) -> str:
 def _chi_square(found: Differences) -> tuple[float, int]:
     """Return chi-square and degrees of freedom of the arm's differences.
 
-    Along directions that both fits identify: eigenvectors of the covariance in units of the
-    parameters' scales.
+    Along directions that both fits identify and neither holds: eigenvectors of the covariance in
+    units of the parameters' scales.
     """
     at = found.of_arm
     scale = np.array([parameter.scale for parameter in found.parameters[at]])
     covariance = found.covariance[at, at] / np.outer(scale, scale)
     variances, axes = np.linalg.eigh(covariance)
-    identified = (variances > 0.0) & (variances < MOVED.open_scales**2)
+    held = variances <= NO_VARIANCE * (np.diag(covariance) @ axes**2)
+    identified = ~held & (variances < MOVED.open_scales**2)
     along = axes[:, identified].T @ (found.values[at] / scale)
     return float(np.sum(along**2 / variances[identified])), int(np.count_nonzero(identified))
 
@@ -282,29 +292,43 @@ def _estimated_amount(
 def drift(models: Sequence[FittedModel], names: Sequence[str]) -> DriftRecord:
     """Return the parameters of an arm over two campaigns or more, in order of time.
 
+    What creeps moves by too little from each to the next: the first and the last are compared too.
+
+    Args:
+        models: of the campaigns, each with its covariance.
+        names: of the campaigns, a name for each.
+
     Raises:
-        ModelError: when there are fewer than two, the arms differ in layout, or a covariance is not
-            known.
+        ModelError: when there are fewer than two, names are not as many or two are the same, the
+            arms differ in layout, or a covariance is not known.
     """
     _refuse_models(models, names)
-    steps = []
-    for (first, before), (second, after) in pairwise(zip(models, names, strict=True)):
-        refuse_other_layout(first.arm, second.arm, (before, after))
-        moved = what_moved(first, second)
-        assert moved is not None
-        steps.append(DriftStep(first=before, second=after, what_moved=moved))
-    changes = [
-        f"{step.first} to {step.second}: {step.what_moved.line}"
-        for step in steps
-        if step.what_moved.line != "unchanged"
-    ]
+    campaigns = list(zip(models, names, strict=True))
+    steps = [_step(before, after) for before, after in pairwise(campaigns)]
+    overall = _step(campaigns[0], campaigns[-1]) if len(steps) > 1 else None
+    changes = [_change(step) for step in steps if step.what_moved.line != "unchanged"]
+    if overall is not None and overall.what_moved.verdict != "unchanged":
+        changes.append(f"over all, {_change(overall)}")
     return DriftRecord(
         robot=models[0].arm.name,
         campaigns=tuple(names),
         parameters=_parameter_rows(models, names),
         steps=tuple(steps),
+        overall=overall,
         line="; ".join(changes) or f"unchanged over {len(models)} campaigns",
     )
+
+
+def _step(before: tuple[FittedModel, str], after: tuple[FittedModel, str]) -> DriftStep:
+    """Return what moved between the models of two campaigns, each with its name."""
+    (first, first_name), (second, second_name) = before, after
+    moved = what_moved(first, second, (first_name, second_name))
+    assert moved is not None
+    return DriftStep(first=first_name, second=second_name, what_moved=moved)
+
+
+def _change(step: DriftStep) -> str:
+    return f"{step.first} to {step.second}: {step.what_moved.line}"
 
 
 def _refuse_models(models: Sequence[FittedModel], names: Sequence[str]) -> None:
@@ -315,6 +339,14 @@ def _refuse_models(models: Sequence[FittedModel], names: Sequence[str]) -> None:
             value=len(models),
             allowed="two models or more, in order of time",
             remedy="give the models of further campaigns",
+        )
+    if len(names) != len(models):
+        raise ModelError(
+            "names that are not as many as the models",
+            where="names",
+            value=list(names),
+            allowed=f"{len(models)} names",
+            remedy="give a name for each model",
         )
     for model, name in zip(models, names, strict=True):
         if model.covariance is None:

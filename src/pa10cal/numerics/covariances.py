@@ -11,10 +11,24 @@ from scipy.optimize import nnls
 
 from pa10cal.arrays import Array, Index, Mask
 
+#: Least share of the variance along a direction, of what the parameters' own make it, that is not
+#: zero (computing).
+NO_VARIANCE = 1e-12
+
 
 def whitener_of(cov: Array) -> Array:
     """Return matrices (P, b, b) that make components of covariances (P, b, b) white."""
     return np.asarray(np.linalg.inv(np.linalg.cholesky(cov)), dtype=np.float64)
+
+
+def precision_of(cov: Array) -> Array:
+    """Return the inverse of a covariance (k, k), zero along directions without variance."""
+    size = np.sqrt(np.diag(cov))
+    size[size == 0.0] = 1.0
+    variances, axes = np.linalg.eigh(cov / np.outer(size, size))
+    known = variances > NO_VARIANCE * variances.max(initial=0.0)
+    along = axes[:, known] / size[:, None]
+    return np.asarray((along / variances[known]) @ along.T)
 
 
 def of_seen(cov: Array, seen: Mask) -> Array:

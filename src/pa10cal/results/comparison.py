@@ -140,7 +140,7 @@ class DriftRows(record.Table):
 
 
 class DriftStep(record.Part):
-    """What moved from one campaign to the next."""
+    """What moved from one campaign to another."""
 
     first: str  # the campaign before
     second: str  # the campaign after
@@ -155,4 +155,5 @@ class DriftRecord(record.Record):
     campaigns: tuple[str, ...]  # campaigns, in order of time as they were given
     parameters: DriftRows  # links, springs and effects of the arm
     steps: tuple[DriftStep, ...]  # from each campaign to the next
+    overall: DriftStep | None = None  # from the first to the last; null of two campaigns
     line: str  # what moved and when, in one sentence
