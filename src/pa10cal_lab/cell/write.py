@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import gzip
-from collections.abc import Mapping, Sequence
+import os
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
 from io import BytesIO
 from pathlib import Path
@@ -14,9 +15,9 @@ import pandas as pd
 import yaml
 
 from pa10cal.arm.description import Arm
-from pa10cal.errors import SimulationError
+from pa10cal.errors import SimulationError, fits_a_folder
 from pa10cal.files.arms import arm_names, arm_text, load_arm
-from pa10cal.files.output import whole_file, write_text
+from pa10cal.files.output import is_partial, whole_file, write_text, writing_into
 from pa10cal.files.table_cells import csv_text
 from pa10cal.results.codec import write
 from pa10cal_lab.cell.campaign import REFERENCE_TEMPERATURE_C, SimulatedCampaign
@@ -58,8 +59,9 @@ def write_campaign(campaign: SimulatedCampaign, folder: Path, truth: Path | None
         Where each disturbance of the settings was put.
 
     Raises:
-        SimulationError: when the truth would lie inside the folder, when the folder holds anything
-            that is not a campaign's, or when the arm's description would replace the campaign's.
+        SimulationError: when the truth would lie inside the folder, when a file stands where the
+            folder or a folder where a file is to be, when the folder holds anything that is not of
+            this campaign, or when the arm's name is none of a file beside the campaign's.
         OutputError: when a file cannot be written; where it is that of the truth, a former campaign
             in the folder stays whole.
     """
@@ -68,6 +70,14 @@ def write_campaign(campaign: SimulatedCampaign, folder: Path, truth: Path | None
     places = disturb(log, settings.disturbances, settings.random_seed)
     arm = log.arm
     described = {} if _is_shipped(arm) else {f"{arm.name}.yaml": arm_text(arm)}
+    if described and not fits_a_folder(arm.name):
+        raise SimulationError(
+            "the name of the arm is none of a file",
+            where="robot",
+            value=arm.name,
+            allowed="a name without folders",
+            remedy="give the arm another name",
+        )
     if any(name.casefold() == DESCRIPTION_FILE for name in described):
         raise SimulationError(
             "the campaign's own description has the file that the name of the arm asks for",
@@ -79,7 +89,8 @@ def write_campaign(campaign: SimulatedCampaign, folder: Path, truth: Path | None
     _check_folder(folder, truth, [*instrument.files.values(), *described])
     if truth is not None:
         write(truth_record(campaign, places), truth)
-    (folder / DESCRIPTION_FILE).unlink(missing_ok=True)
+    with writing_into(folder, "the campaign", "give another folder, or let it be written to"):
+        (folder / DESCRIPTION_FILE).unlink(missing_ok=True)
     for key, name in instrument.files.items():
         write_table(log.tables[key], folder / name, instrument.decimals)
     for name, text in described.items():
@@ -200,28 +211,49 @@ def _check_folder(folder: Path, truth: Path | None, files: Sequence[str]) -> Non
             allowed="a path outside the campaign's folder",
             remedy="name another place",
         )
-    own = {DESCRIPTION_FILE, *files}
-    foreign = sorted({entry.name for entry in folder.glob("*")} - own)
-    if foreign or folder.is_file():
+    standing = next(place for place in (folder, *folder.parents) if os.path.lexists(place))
+    if not standing.is_dir():
         raise SimulationError(
-            "the folder holds something that is not a campaign's",
+            "something other than a folder is there",
             where="--out",
-            value=", ".join(foreign) or str(folder),
-            allowed=f"a new folder, or one with {', '.join(sorted(own))} only",
+            value=str(standing),
+            allowed="a new folder, or one of a campaign",
+            remedy="name another folder",
+        )
+    own = {DESCRIPTION_FILE, *files}
+    # What a killed run left half-written goes as files are written anew.
+    entries = [entry for entry in folder.glob("*") if not is_partial(entry)]
+    foreign = sorted(entry.name for entry in entries if entry.name not in own or entry.is_dir())
+    if foreign:
+        raise SimulationError(
+            "the folder holds something that is not of this campaign",
+            where="--out",
+            value=", ".join(foreign),
+            allowed=f"a new folder, or one with the files {', '.join(sorted(own))} only",
             remedy="name another folder or move the files away",
         )
 
 
 def _as_text(column: pd.Series[Any], decimals: Mapping[str, int]) -> list[str]:
-    """Return the cells of a column; nan is empty, and a float without decimals written in full."""
+    """Return the cells of a column; one without a value, as nan or None, is empty."""
+    as_text = _form_of(column, decimals)
+    empty = column.isna().tolist()
+    return ["" if no else as_text(value) for value, no in zip(column.tolist(), empty, strict=True)]
+
+
+def _form_of(column: pd.Series[Any], decimals: Mapping[str, int]) -> Callable[[Any], str]:
+    """Return how values of a column are written: with decimals, in full as a float, or as text."""
     places = next(
         (count for end, count in decimals.items() if str(column.name).endswith(end)), None
     )
     if places is not None:
-        form, minus_zero = f"%.{places}f", f"-{0.0:.{places}f}"
-        texts = ["" if value != value else form % value for value in column.tolist()]
-        return [text.removeprefix("-") if text == minus_zero else text for text in texts]
+        minus_zero = f"-{0.0:.{places}f}"
+
+        def with_decimals(value: float) -> str:
+            text = f"{value:.{places}f}"
+            return text.removeprefix("-") if text == minus_zero else text
+
+        return with_decimals
     if column.dtype.kind == "f":  # a load, whole newtons as a rule
-        texts = [repr(value + 0.0).removesuffix(".0") for value in column.tolist()]
-        return ["" if text == "nan" else text for text in texts]
-    return ["" if value != value else str(value) for value in column.tolist()]
+        return lambda value: repr(value + 0.0).removesuffix(".0")
+    return str

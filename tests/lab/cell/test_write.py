@@ -173,6 +173,45 @@ def test_refuses_a_folder_that_holds_something_else(campaign, tmp_path):
     assert [path.name for path in tmp_path.rglob("*")] == ["raw", "thesis.tex"]
 
 
+@pytest.mark.parametrize("where", ["file/sub", "file", "raw"])
+def test_refuses_what_is_no_folder_before_the_truth_is_written(campaign, tmp_path, where):
+    (tmp_path / "file").write_text("x")
+    (tmp_path / "raw/campaign.yaml").mkdir(parents=True)
+    with pytest.raises(SimulationError):
+        write_campaign(campaign, tmp_path / where, tmp_path / "truth.json")
+    assert not (tmp_path / "truth.json").exists()
+
+
+def test_what_a_killed_run_left_does_not_count(campaign, written):
+    folder = written / "raw/secret"
+    (folder / ".99999.partial.cmm.csv.gz").write_text("x")
+    write_campaign(campaign, folder, written / "truth/secret.json")
+    assert not list(folder.glob(".*"))
+
+
+def test_the_description_of_a_former_arm_is_not_of_this_campaign(arm, tmp_path):
+    write_campaign(track(replace(arm, name="mine"), TrackerOptions(poses=4)), tmp_path / "raw")
+    with pytest.raises(SimulationError, match=r"not of this campaign.*mine\.yaml"):
+        write_campaign(track(arm, TrackerOptions(poses=4)), tmp_path / "raw")
+
+
+def test_refuses_an_arm_whose_description_would_lie_elsewhere(arm, tmp_path):
+    made = track(replace(arm, name="../evil"), TrackerOptions(poses=4))
+    with pytest.raises(SimulationError, match="none of a file"):
+        write_campaign(made, tmp_path / "raw")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("values", "decimals", "text"),
+    [([None, 1.0], {"_mm": 3}, ["P,", "P,1.000"]), ([None, "x"], {}, ["P,", "P,x"])],
+)
+def test_a_cell_without_a_value_is_empty(tmp_path, values, decimals, text):
+    table = pd.DataFrame({"pose": ["P", "P"], "a_mm": np.array(values, dtype=object)})
+    write_table(table, tmp_path / "t.csv", decimals)
+    assert (tmp_path / "t.csv").read_text().splitlines()[1:] == text
+
+
 @pytest.mark.parametrize("name", ["campaign", "Campaign"])
 def test_refuses_an_arm_whose_description_would_be_the_campaigns(tmp_path, name):
     plan = SimulateOptions.model_validate({"robot": name, "without_touches": {"poses": 4}})
