@@ -46,9 +46,14 @@ class Callout(PageBlock):
 
 @dataclass(frozen=True)
 class Facts(PageBlock):
-    """Names and what they are."""
+    """Names and what they are; a name of nothing is not shown."""
 
     rows: tuple[tuple[str, str], ...]
+
+    @property
+    def empty(self) -> bool:
+        """Whether no name is of anything."""
+        return not any(text for _, text in self.rows)
 
 
 @dataclass(frozen=True)
@@ -123,6 +128,11 @@ class Folded(PageBlock):
 
     summary: str  # what is inside
     blocks: tuple[PageBlock, ...]
+
+    @property
+    def empty(self) -> bool:
+        """Whether nothing is in any of its blocks."""
+        return all(block.empty for block in self.blocks)
 
 
 #: Format of a number in a column, by the unit in the name of the column.

@@ -15,7 +15,7 @@ from markupsafe import Markup
 
 from pa10cal.errors import RecordError
 from pa10cal.input_files import read_file, reason
-from pa10cal.reports.blocks import Drawing, Folded, Image, PageBlock, SideBySide
+from pa10cal.reports.blocks import Callout, Drawing, Folded, Image, PageBlock, SideBySide
 from pa10cal.reports.theme import packed_figure, packed_library
 from pa10cal.results.outcomes import PicturesRecord
 
@@ -25,7 +25,7 @@ _SYNTHETIC = "Synthetic data: simulated, no robot was measured."
 
 
 class PageSection(NamedTuple):
-    """A section of a page; blocks that are empty are not shown, nor a section without others."""
+    """A section of a page; the template shows no empty block, and a page no section of such."""
 
     id: str  # of its element in the page
     title: str  # its heading
@@ -56,11 +56,7 @@ def rendered(
         synthetic: whether what it shows was simulated.
         heading: the kind of page, which stands above the title.
     """
-    shown = (
-        section._replace(blocks=tuple(block for block in section.blocks if not block.empty))
-        for section in sections
-    )
-    sections = [section for section in shown if section.blocks]
+    sections = [section for section in sections if not all(block.empty for block in section.blocks)]
     environment = Environment(
         loader=PackageLoader("pa10cal.reports"),
         autoescape=True,
@@ -91,14 +87,18 @@ def rendered(
 def _has_figures(blocks: Iterable[PageBlock]) -> bool:
     """Return whether plotly has to draw one of some blocks, folded ones included."""
     return any(
-        isinstance(block, Drawing | SideBySide)
+        (isinstance(block, Drawing | SideBySide) and not block.empty)
         or (isinstance(block, Folded) and _has_figures(block.blocks))
         for block in blocks
     )
 
 
-def images(pictures: PicturesRecord | None, folder: Path, section: str) -> Iterator[Image]:
+def images(
+    pictures: PicturesRecord | None, folder: Path, section: str
+) -> Iterator[Image | Callout]:
     """Yield the figures and films of a results folder that belong to one section.
+
+    One that was drawn and cannot be shown, as it is gone or a film that pages do not play, is told.
 
     Raises:
         RecordError: when one of them cannot be read.
@@ -107,12 +107,25 @@ def images(pictures: PicturesRecord | None, folder: Path, section: str) -> Itera
     for name, caption in captions.items():
         if caption.section != section:
             continue
+        id_ = name
         for kind, endings in (("svg+xml", ("svg", "png")), ("gif", ("gif",))):
             path = folder / f"figures/{name}.{endings[0]}"
             if os.path.lexists(path):
                 content = b64encode(_picture(path, folder)).decode()
                 source = f"data:image/{kind};base64,{content}"
-                yield Image(source, caption.title, caption.text, name, endings)
+                yield Image(source, caption.title, caption.text, id_, endings)
+                id_ = f"{name}-film"  # a figure has the name alone
+        if id_ == name and not any(folder.glob(f"tables/{name}.*")):
+            yield _not_shown(caption.title, name, folder)
+
+
+def _not_shown(title: str, name: str, folder: Path) -> Callout:
+    """Return why a picture that was drawn is not on the page."""
+    if os.path.lexists(folder / f"figures/{name}.mp4"):
+        return Callout("note", f"{title}: the film is figures/{name}.mp4, which pages do not show.")
+    return Callout(
+        "missing", f"{title}: figures/{name} was drawn and is there no more; draw it again."
+    )
 
 
 def _picture(path: Path, folder: Path) -> bytes:
