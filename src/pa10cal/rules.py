@@ -84,6 +84,11 @@ class Readings:
     # (statistics)
     least_dof: int = 12
     same: float = 1e-9  # repeats that differ by less are one reading copied [m, rad] (size)
+    # readings of calibration poses that a search for effects needs where hardly any is a repeat: as
+    # many as its blocks (statistics)
+    to_search: int = 100
+    # least share of repeats among readings with which they judge effects, not blocks (trials)
+    repeated_share: float = 0.25
     # an orientation without a stated uncertainty is as certain as targets this far apart make it
     # [m] (size)
     target_spread_m: float = 0.1

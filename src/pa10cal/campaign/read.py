@@ -15,7 +15,7 @@ import pandas as pd
 
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
-from pa10cal.arrays import Index, Mask
+from pa10cal.arrays import Array, Index, Mask
 from pa10cal.campaign.bounds import refuse_impossible_tool
 from pa10cal.campaign.description import (
     DESCRIPTION_FILE,
@@ -47,11 +47,9 @@ from pa10cal.observe.paths import along_a_path, stretches_held_out
 from pa10cal.observe.time_order import with_time_validity
 from pa10cal.options import IngestOptions
 from pa10cal.results.calibration import InputFinding
+from pa10cal.rules import READINGS
 
 LINES = ("line_x", "line_y")
-#: Calibration poses that a search without repeats needs; held-out poses at least where fewer than
-#: stated are held out to leave so many.
-POSES_TO_SEARCH, _LEAST_HELD_OUT = 100, 1
 #: Reasons of readings that are wrong. Rows quarantined for other reasons are merely missing.
 _WRONG = (OFF_REPEATS, STAND_DISAGREES, OFF_MODEL, NOT_RIGID, OUT_OF_REACH, OTHER_COMMAND)
 
@@ -175,6 +173,9 @@ def read_campaign(
     else:
         where = f"{folder / DESCRIPTION_FILE}: holdout"
         every, holdout_notes = hold_out(every, description.holdout, where, places)
+        if "holdout" not in every.kind:
+            warnings = (*warnings, _none_held_out(description.holdout, every, places))
+    warnings = (*warnings, *_label_warnings(every, places))
     recorded = ingested.timed and description.time_recorded
     every, time_notes = with_time_validity(every, arm.prismatic, recorded=recorded)
     kinds = set(every.kind)
@@ -231,6 +232,41 @@ def places_of(every: Observations, prismatic: Mask, tolerance: float) -> Index:
     return connected_groups(by_label, label_count + by_joints, count)[by_label]
 
 
+def _none_held_out(rule: Holdout, every: Observations, places: Index) -> str:
+    """Return the warning that a rule holds out no pose."""
+    stated = f"every: {rule.every}" if rule.every else f"last_fraction: {rule.last_fraction:g}"
+    count = len(np.unique(places[every.kind == "grid"]))
+    return (
+        f"no pose is held out: holdout {{{stated}}} of campaign.yaml holds out less than one of "
+        f"{count} poses; hold out more, as holdout: {{every: 5}} does"
+    )
+
+
+def _label_warnings(every: Observations, places: Index) -> list[str]:
+    """Return a warning of calibration readings at one place (N,) under labels of their own.
+
+    Readings of one pose are repeats by their label. Without any repeats the noise is not known.
+    """
+    grid = every.kind == "grid"
+    labels = pd.factorize(pd.Series(every.pose[grid]))[0]
+    repeats, by_place = (
+        np.count_nonzero(grid) - _situations(each, every.states.load_N[grid])
+        for each in (labels, places[grid])
+    )
+    if not repeats < READINGS.least_dof <= by_place:
+        return []
+    return [
+        f"{by_place} calibration readings are at joint positions and under a load of earlier ones, "
+        f"and {repeats} are repeats by their labels: the others do not show the noise; give the "
+        "readings of one pose one label"
+    ]
+
+
+def _situations(places: Index, load_N: Array) -> int:
+    """Return how many places (N,) under loads (N,) differ."""
+    return len(np.unique(np.column_stack([places, load_N]), axis=0))
+
+
 def hold_out(
     every: Observations, rule: Holdout, where: str, places: Index
 ) -> tuple[Observations, tuple[str, ...]]:
@@ -244,6 +280,9 @@ def hold_out(
 
     Returns:
         The readings, and notes.
+
+    Raises:
+        RawDataError: when rows state held-out poses too, or all poses would be held out.
     """
     if "holdout" in every.kind:
         raise RawDataError(
@@ -255,15 +294,8 @@ def hold_out(
     grid = every.kind == "grid"
     in_time, first = np.unique(places[grid], return_index=True)
     in_time, first = in_time[np.argsort(first)], np.sort(first)
-    stated_count, notes = rule.count_of(len(in_time)), []
-    # A search for effects needs its poses more than evaluation needs further held-out ones.
-    spare_count = len(in_time) - POSES_TO_SEARCH
-    held_count = spare_count if _LEAST_HELD_OUT <= spare_count < stated_count else stated_count
-    if held_count < stated_count:
-        notes.append(
-            f"{held_count} poses are held out and not {stated_count}, so that {POSES_TO_SEARCH} "
-            "are left, which a search for effects needs"
-        )
+    stated_count = rule.count_of(len(in_time))
+    held_count, notes = _held_count(stated_count, places[grid], every.states.load_N[grid])
     if rule.every is None:
         chosen = in_time[len(in_time) - held_count :]
     elif along_a_path(every.states.q_rad[grid][first]):
@@ -286,6 +318,32 @@ def hold_out(
     kind = every.kind.astype("U7")
     kind[grid & np.isin(places, np.asarray(chosen, dtype=np.intp))] = "holdout"
     return replace(every, kind=kind), tuple(notes)
+
+
+def _held_count(stated_count: int, places: Index, load_N: Array) -> tuple[int, list[str]]:
+    """Return how many poses to hold out where so many are stated, and notes.
+
+    A search for effects needs its readings more than evaluation needs further held-out poses, where
+    fewer leave enough. It does not where repeats judge.
+
+    Args:
+        places: (N,) of the calibration readings.
+        load_N: (N,) of these.
+    """
+    count, readings = len(np.unique(places)), len(places)
+    repeats = readings - _situations(places, load_N)
+    if repeats >= READINGS.repeated_share * readings:
+        return stated_count, []
+    spare_count = count - int(np.ceil(READINGS.to_search * count / max(readings, 1)))
+    if not 0 < spare_count < stated_count:
+        return stated_count, []
+    are = "pose is" if spare_count == 1 else "poses are"
+    note = (
+        f"{spare_count} {are} held out and not {stated_count}, so that {READINGS.to_search} "
+        "readings are left, which a search for effects needs: the held-out error rests on so few "
+        "until more poses are measured"
+    )
+    return spare_count, [note]
 
 
 def repeatability_mm(single: Observations) -> dict[float, float]:
