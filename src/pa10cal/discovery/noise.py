@@ -12,7 +12,6 @@ import numpy as np
 
 from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Array
-from pa10cal.discovery.rules import NOISE
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.joint_noise import torque_noise
 from pa10cal.observe.observations import Observations
