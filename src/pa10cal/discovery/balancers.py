@@ -10,7 +10,6 @@ from typing import TypeVar
 
 import numpy as np
 from scipy.special import logsumexp
-from scipy.stats import multivariate_normal
 
 from pa10cal.discovery.finding import Finding, Rival
 from pa10cal.discovery.no_harm import worse_than
@@ -74,6 +73,8 @@ def _nats_by_sizes(
 
     A sine of the angle is either. What is expected of each in size and phase parts them.
     """
+    from scipy.stats import multivariate_normal  # late: half a second, for few campaigns
+
     x, columns = model.values_of(eccentric), model.model.columns_of(eccentric)
     by_fit = np.zeros((2, 2)) if model.covariance is None else model.covariance[columns, columns]
     rad_Nm = float(model.values_of(spring)[0]) / spring.tau_ref_Nm

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from pa10cal.arm.chain import BASE
 from pa10cal.arrays import Array, Index, Mask, homogeneous, nearest_rotation
@@ -205,9 +205,8 @@ def with_targets_off(
         poses: complete poses that show them.
     """
     fitted, errors = replace(fitted, targets_off_m=off_m), off_m / apparatus_m
-    if poses.measured.campaigns or errors @ errors <= chi2.ppf(
-        1.0 - SCATTER.accused_rate, max(len(errors), 1)
-    ):
+    by_chance = chdtri(max(len(errors), 1), SCATTER.accused_rate)
+    if poses.measured.campaigns or errors @ errors <= by_chance:
         return fitted
     T_base_ee = fitted.model.predict(poses.states, fitted.x)
     shown = np.linalg.inv(T_base_ee) @ fitted.as_read(poses)
