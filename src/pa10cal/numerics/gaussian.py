@@ -33,7 +33,11 @@ class Gaussian:
     @classmethod
     def of(cls, columns: Array, data: Array) -> Gaussian:
         """Return the model of white rows, by A (..., k) and y (...,)."""
-        rows = np.concatenate([columns, data[..., None]], axis=-1)
+        return cls.of_rows(np.concatenate([columns, data[..., None]], axis=-1))
+
+    @classmethod
+    def of_rows(cls, rows: Array) -> Gaussian:
+        """Return the model of white rows [A y], (..., k + 1)."""
         rows = rows.reshape(-1, rows.shape[-1])
         return cls(rows.T @ rows)
 
@@ -42,8 +46,11 @@ class Gaussian:
         cls, gram: Array, projection: Array | None = None, squares: float = 0.0
     ) -> Gaussian:
         """Return the model of products A^T A (k, k), A^T y (k,) and y^T y; y is 0 by default."""
-        projection = np.zeros(len(gram)) if projection is None else projection
-        return cls(np.block([[gram, projection[:, None]], [projection, np.array(squares)]]))
+        products = np.empty((len(gram) + 1, len(gram) + 1))
+        products[:-1, :-1] = gram
+        products[-1, :-1] = products[:-1, -1] = 0.0 if projection is None else projection
+        products[-1, -1] = squares
+        return cls(products)
 
     @classmethod
     def none(cls, unknowns: int) -> Gaussian:

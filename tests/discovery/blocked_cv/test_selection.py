@@ -87,6 +87,15 @@ def test_candidates_are_judged_without_joining_and_members_without_leaving(rows)
     assert np.all(state.solution_without(1)[:, -2:] == 0.0)
 
 
+def test_candidates_that_were_judged_before_keep_their_squares(rows):
+    state = started(rows, ONE)
+    first = state.squares_with_each([TWO])
+    both = state.squares_with_each([THREE, TWO])
+    np.testing.assert_array_equal(both[1], first[0])
+    np.testing.assert_allclose(both, started(rows, ONE).squares_with_each([THREE, TWO]), rtol=1e-12)
+    assert not np.array_equal(state.with_member(THREE).squares_with_each([TWO]), first)
+
+
 def with_told(rows, told):
     """Return the rows without orientations, weights being told something in every block."""
     products = rows[2]

@@ -137,12 +137,24 @@ class EffectSet:
         return float(np.sum(self.inverse * gram))
 
     def squares_with_each(self, candidates: Sequence[Columns]) -> Array:
-        """Return the sums of squares with each of some candidates added, (m, B)."""
-        every = np.unique(np.concatenate([each.index for each in candidates]))
-        groups = _by_length(candidates, every)
-        total = _between(self.total.gram, every, self.index)
-        blocks = range(len(self.squares))
-        return np.stack([self._block_with_each(b, every, groups, total) for b in blocks], axis=1)
+        """Return the sums of squares with each of some candidates added, (m, B).
+
+        What was computed is kept: several steps of a search ask for the same candidates.
+        """
+        known = self._squares_with
+        if new := [each for each in candidates if each not in known]:
+            every = np.unique(np.concatenate([each.index for each in new]))
+            groups = _by_length(new, every)
+            total = _between(self.total.gram, every, self.index)
+            blocks = range(len(self.squares))
+            by_block = [self._block_with_each(b, every, groups, total) for b in blocks]
+            known |= zip(new, np.stack(by_block, axis=1), strict=True)
+        return np.stack([known[each] for each in candidates])
+
+    @cached_property
+    def _squares_with(self) -> dict[Columns, Array]:
+        """Sums of squares (B,) with candidates added, which are known by identity."""
+        return {}
 
     def squares_without_each(self) -> Array:
         """Return the sums of squares with each member taken out, (m, B)."""
@@ -265,7 +277,12 @@ class EffectSet:
 
 
 def _between(gram: Array, rows: Index, columns: Index) -> Array:
-    """Return the products of some columns with others: whole rows are fastest to take."""
+    """Return the products (r, c) of some columns with others.
+
+    Whole rows are fastest to take, and the fewer of them: products are symmetric.
+    """
+    if len(columns) < len(rows):
+        return np.ascontiguousarray(gram.take(columns, axis=0).take(rows, axis=1).T)
     return np.asarray(gram.take(rows, axis=0).take(columns, axis=1))
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cache
 from itertools import product
 
 import numpy as np
@@ -83,9 +84,10 @@ def family(rows: BlockedRows, equations: BlockEquations) -> Family:
         Candidate(index, np.ones(len(index)), shaped)
         for shaped, index in zip(rows.shaped, rows.columns_of_effects(), strict=True)
     ]
+    few_angles = _few_angles(rows)
     for candidate in (*effects, *map_candidates(rows)):
         whole, distinct = _gram_beside_model(total, of_model, model, candidate)
-        why = _why_hidden(rows, candidate, whole, distinct)
+        why = _why_hidden(rows, candidate, whole, distinct) or few_angles(candidate.effect)
         if why is None:
             shown.append(candidate)
             gain = _low_expected_gain(distinct)
@@ -136,9 +138,14 @@ def _low_expected_gain(distinct: Array) -> float:
     what the model cannot follow of the effect's columns, in units of their sizes.
     """
     values = np.maximum(np.linalg.eigvalsh(distinct), 0.0)
-    drawn = np.random.default_rng(0).standard_normal((BLOCKS.directions, len(values))) ** 2
-    shares = drawn / drawn.mean(axis=1, keepdims=True)
-    return float(np.quantile(shares @ values, BLOCKS.hidden_share))
+    return float(np.quantile(_shares(len(values)) @ values, BLOCKS.hidden_share))
+
+
+@cache
+def _shares(count: int) -> Array:
+    """Return the squares (N, k) of k parameters in N random directions, of mean one in each."""
+    drawn = np.random.default_rng(0).standard_normal((BLOCKS.directions, count)) ** 2
+    return np.asarray(drawn / drawn.mean(axis=1, keepdims=True))
 
 
 def _why_hidden(
@@ -149,7 +156,26 @@ def _why_hidden(
         return _why_zero(rows.survey.poses.states, candidate.shaped)
     share = float(np.sqrt(max(np.trace(distinct), 0.0) / np.trace(whole)))
     signal = float(np.sqrt(max(np.linalg.eigvalsh(distinct)[-1], 0.0)))
-    return why_hidden(share, signal) or why_few_angles(candidate.effect, rows.survey.poses.states)
+    return why_hidden(share, signal)
+
+
+def _few_angles(rows: BlockedRows) -> Callable[[Effect], str | None]:
+    """Return a function that says why a joint took too few angles for a map, see `why_few_angles`.
+
+    Of maps of one joint with as many knots it is asked once.
+    """
+    states = rows.survey.poses.states
+    known: dict[tuple[str, int], str | None] = {}
+
+    def why(effect: Effect) -> str | None:
+        if not is_error_map(effect):
+            return None
+        form = effect.of, effect.knots
+        if form not in known:
+            known[form] = why_few_angles(effect, states)
+        return known[form]
+
+    return why
 
 
 def _why_zero(states: PoseStates, shaped: ShapedEffect) -> str:

@@ -88,6 +88,13 @@ class SearchOutcome:
         starts = self.linear_fit.effect_parameters
         return refit(self.survey, effects, starts, self.rows.weights, widening)
 
+    @cached_property
+    def weights_with_joints(self) -> PoseWeights:
+        """Return weights of poses about the fitted model, in which joints scatter, too."""
+        survey, fitted = self.rows.survey, self.extended
+        residual = survey.net_residual(fitted.at)
+        return weights_with_joints(fitted.weights, fitted.at, survey.poses, residual)
+
     @property
     def interleaved_check(self) -> InterleavedCheck:
         """Return the check by every tenth pose, about the fitted model and with its weights."""
@@ -266,7 +273,7 @@ def _with_motion_shown(found: SearchOutcome) -> SearchWithMotion:
     """Search again with changes at rows, else with a base that moved, where residuals show any."""
     survey, fitted = found.rows.survey, found.extended  # the survey begins with what was added
     poses, logged = survey.poses, survey.torques_logged
-    whiteners = _weights_with_joints(survey, fitted).whiteners()
+    whiteners = found.weights_with_joints.whiteners()
     effects = tuple(sought(survey.context, survey.baseline.model.terms))
     change: Change | JointSteps | None = joint_steps_of(
         fitted.at, poses, whiteners, fitted.weights.whiteners(), effects, logged=logged
@@ -307,12 +314,6 @@ def _with_steady_course(searched: SearchOutcome, found: SearchWithMotion) -> Sea
     return found
 
 
-def _weights_with_joints(survey: Survey, fitted: Refit) -> PoseWeights:
-    """Return weights of poses about a fit in which joints scatter, too."""
-    residual = survey.net_residual(fitted.at)
-    return weights_with_joints(fitted.weights, fitted.at, survey.poses, residual)
-
-
 def _with_lines_and_wobbles(survey: Survey) -> SearchOutcome:
     """Search a survey, again with the lines of gears and wobbling axes that its residuals show.
 
@@ -343,7 +344,7 @@ def _with_warm_ups(found: SearchOutcome) -> SearchOutcome:
     In interleaved blocks: a block of the first poses would be predicted from all that came later.
     """
     survey, fitted = found.rows.survey, found.extended
-    weights = _weights_with_joints(survey, fitted)
+    weights = found.weights_with_joints
     # Of readings that are right nothing is taken away.
     right = keep_their_distances(survey.poses.measured)
     weights = replace(weights, weight=np.where(right, 1.0, weights.weight))
