@@ -69,17 +69,45 @@ def by_terms(
         points: parameters (k',) of each term at which the derivative is taken.
         whiteners: (P, b, b); where given, the derivative is of the whitened residual.
     """
+    return motions_by_terms(at, poses, terms, points).by_parameters(whiteners)
+
+
+@dataclass(frozen=True, eq=False)
+class MotionsByTerms:
+    """Motions of P poses by the parameters of terms, and how b components follow."""
+
+    by_end: Array  # (P, b, 6) derivative of the residual by motions of the end along base axes
+    in_base: tuple[Array, ...]  # of each term (P, 6, k'), these motions by its parameters
+    # of each term the derivative (P, b, k') by how it distorts the targets' pattern; None: it does
+    # not
+    distorted: tuple[Array | None, ...]
+
+    def by_parameters(self, whiteners: Array | None = None) -> list[Array]:
+        """Return the derivative of the residual, or of the whitened one, as `by_terms` does."""
+        by_end = self.by_end if whiteners is None else whiteners @ self.by_end
+        by_parameters = [by_end @ columns for columns in self.in_base]
+        for columns, distorted in zip(by_parameters, self.distorted, strict=True):
+            if distorted is not None:
+                columns += distorted if whiteners is None else whiteners @ distorted
+        return by_parameters
+
+    def of(self, chosen: Sequence[int]) -> MotionsByTerms:
+        """Return the motions by some of the terms."""
+        in_base = tuple(self.in_base[k] for k in chosen)
+        return MotionsByTerms(self.by_end, in_base, tuple(self.distorted[k] for k in chosen))
+
+
+def motions_by_terms(
+    at: FittedModel, poses: Observations, terms: Sequence[Term], points: Sequence[Array]
+) -> MotionsByTerms:
+    """Return the motions of poses by the parameters of terms; arguments as of `by_terms`."""
     T_base_ee, in_base = at.model.by_terms(poses.states, at.x, terms, points)
     compared = poses.measured.compare(at.T_instr_base @ T_base_ee, at.targets_m)
-    by_end = along_base(compared.by_end, at)
-    if whiteners is not None:
-        by_end = whiteners @ by_end
-    by_parameters = [by_end @ columns for columns in in_base]
-    for columns, term, point in zip(by_parameters, terms, points, strict=True):
-        distorted = by_target_distortion(compared.by_targets, poses, term, point)
-        if distorted is not None:
-            columns += distorted if whiteners is None else whiteners @ distorted
-    return by_parameters
+    distorted = (
+        by_target_distortion(compared.by_targets, poses, term, point)
+        for term, point in zip(terms, points, strict=True)
+    )
+    return MotionsByTerms(along_base(compared.by_end, at), tuple(in_base), tuple(distorted))
 
 
 def by_target_distortion(

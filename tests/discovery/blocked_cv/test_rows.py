@@ -10,6 +10,7 @@ from scipy.sparse import csr_array
 import pa10cal
 from made_up_survey import observe
 from mended import write_simulated
+from pa10cal.discovery.blocked_cv import block_rows
 from pa10cal.discovery.blocked_cv.block_rows import BlockedRows, ShapedEffect, weighted_rows
 from pa10cal.discovery.blocked_cv.effect_set import Columns
 from pa10cal.discovery.blocked_cv.family import below_detection_limit, computable_shapes, family
@@ -82,6 +83,36 @@ def test_sparse_columns_of_a_map_are_those_of_the_term(few):
     splines = map_columns(screws, few.poses.states.q_rad[:, [3]], [36])
     assert splines.nnz == 4 * len(dense)
     np.testing.assert_allclose(splines @ b_splines_by_knots(36), dense, atol=1e-12)
+
+
+@pytest.fixture
+def block_by_block(monkeypatch):
+    """Rows of so many poses that only those of one block are held at a time."""
+    monkeypatch.setattr(block_rows, "COMPUTING", replace(block_rows.COMPUTING, most_kept=0))
+
+
+def test_products_of_many_poses_are_those_of_dense_rows(rows, block_by_block):
+    test_products_are_those_of_dense_rows(replace(rows))
+
+
+def test_rows_about_what_other_rows_worked_out_are_as_if_worked_out_anew(few, rows):
+    lagging, eccentric = rows.shaped
+    other = replace(rows, weights=replace(rows.weights, weight=np.full(len(few.poses), 0.5)))
+    known = rows.few_linearised
+    for shaped in ((lagging, eccentric), (eccentric,), (eccentric, lagging)):
+        anew = replace(other, shaped=shaped).design(3)
+        found = replace(other, shaped=shaped, known=known).design(3)
+        assert known.only(shaped).shaped == shaped
+        np.testing.assert_array_equal(found.dense, anew.dense)
+        np.testing.assert_array_equal(found.data, anew.data)
+    assert known.only((ShapedEffect(TorqueGain("joint 2")),)) is None
+
+
+def test_what_was_worked_out_of_other_poses_is_not_taken(few, rows):
+    later = replace(few, poses=few.poses.take(np.arange(len(few.poses))[::-1]))
+    anew = replace(rows, survey=later).design(3)
+    found = replace(rows, survey=later, known=rows.few_linearised).design(3)
+    np.testing.assert_array_equal(found.dense, anew.dense)
 
 
 def test_products_are_those_of_dense_rows(rows):

@@ -9,7 +9,7 @@ stretches of angles of each joint with all their poses held out.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -274,8 +274,7 @@ def _stretches_of_angles(
         visited = np.unique(stretch)
         spread = (np.arange(of_each) + 0.5) * len(visited) / of_each
         for number in visited[np.unique(spread.astype(int))]:
-            survey = replace(rows.survey, block=np.where(stretch == number, 0, -1))
-            of_stretch = replace(rows, survey=survey).equations_by_kind(0, joints, knots)
+            of_stretch = rows.equations_of(np.flatnonzero(stretch == number), joints, knots)
             yield waves.of(of_stretch.weighted(root_weight))
 
 

@@ -6,10 +6,11 @@ and harmonics of the maps of all revolute joints.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, reduce
 from itertools import pairwise
+from operator import add
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -35,6 +36,7 @@ from pa10cal.fit.problem import possible_sizes
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.numerics.least_squares import Bounds
 from pa10cal.numerics.periodic_spline import b_splines_by_knots, harmonic_orders, harmonics_at_knots
+from pa10cal.observe.observations import Observations
 from pa10cal.terms.effects.effect import Effect, turning_joints
 from pa10cal.terms.effects.joint_error_map import FadingPrior, is_error_map
 from pa10cal.terms.term import Term
@@ -60,12 +62,19 @@ class ShapedEffect:
 
 @dataclass(frozen=True)
 class BlockDesign:
-    """Whitened rows of one block of p poses with b components each."""
+    """Whitened rows of p poses with b components each: of one block, or of all."""
 
     data: Array  # (b p,) measured less predicted
     dense: Array  # (b p, d) columns of all but the maps, each times its expected size
     by_angle: Array  # (p, b, j) derivative by the angle of every revolute joint
     q_rad: Array  # (p, j) these angles
+
+    def take(self, rows: Index) -> BlockDesign:
+        """Return the rows of some of the poses."""
+        count, components = self.by_angle.shape[:2]
+        data = self.data.reshape(count, components)[rows].ravel()
+        dense = self.dense.reshape(count, components, -1)[rows].reshape(len(data), -1)
+        return BlockDesign(data, dense, self.by_angle[rows], self.q_rad[rows])
 
     def maps(
         self,
@@ -80,6 +89,30 @@ class BlockDesign:
         return map_columns(self.by_angle[:, :, joints], self.q_rad[:, joints], knots, touched)
 
 
+@dataclass(frozen=True, eq=False)
+class Linearised:
+    """Poses about the operating point of their rows: what columns are made of, for any weights."""
+
+    poses: Observations
+    residual: Array  # (p, b) predicted less measured components
+    by_targets: Array  # (p, b, t) derivative by the targets' coordinates
+    nuisances: tuple[Array, ...]  # (p, b, k) columns of each
+    # motions by the terms of the model, by the angle of every revolute joint, and by the effects
+    motions: jacobians.MotionsByTerms
+    shaped: tuple[ShapedEffect, ...]  # these effects
+
+    def only(self, shaped: Sequence[ShapedEffect]) -> Linearised | None:
+        """Return the same of some effects; None where one of them was not worked out."""
+        if shaped == self.shaped:
+            return self
+        others = len(self.motions.in_base) - len(self.shaped)
+        place = {each: k for k, each in enumerate(self.shaped, start=others)}
+        if any(each not in place for each in shaped):
+            return None
+        motions = self.motions.of([*range(others), *(place[each] for each in shaped)])
+        return replace(self, motions=motions, shaped=tuple(shaped))
+
+
 @dataclass(frozen=True)
 class BlockedRows:
     """The rows of a survey by blocks, and where the columns of each unknown stand."""
@@ -88,6 +121,8 @@ class BlockedRows:
     weights: PoseWeights
     shaped: tuple[ShapedEffect, ...]  # effects, in the order of their columns
     knots: int  # K of the maps, whose columns are the K - 1 harmonics of each revolute joint
+    # all poses with these effects or more, where that was worked out for other rows
+    known: Linearised | None = field(default=None, compare=False, repr=False)
 
     def with_effects_of(self, members: Iterable[ShapedEffect]) -> BlockedRows:
         """Return the rows with those of some members that are no maps as effects."""
@@ -111,12 +146,12 @@ class BlockedRows:
         """Return the B-spline coefficients (K, K - 1) of every harmonic of unit amplitude."""
         return np.asarray(b_splines_by_knots(self.knots) @ harmonics_at_knots(self.knots)[:, 1:])
 
-    @property
+    @cached_property
     def baseline_columns(self) -> Index:
         """Return the columns of the model's parameters, of targets and of nuisances."""
         return np.arange(len(all_unknowns(self.operating_point)) + self.survey.nuisance_count)
 
-    @property
+    @cached_property
     def dense_count(self) -> int:
         """Return how many columns stand before the maps."""
         return len(self.baseline_columns) + sum(each.effect.linear for each in self.shaped)
@@ -162,8 +197,7 @@ class BlockedRows:
         of_positions = None
         if self._other_rows:
             of_positions = BlockEquations.empty(BLOCKS.blocks, len(self._precision))
-        for block in range(BLOCKS.blocks):
-            total, positions = self._of_block(block)
+        for block, (total, positions) in enumerate(self._of_blocks()):
             found.put(block, total)
             if of_positions is not None:
                 of_positions.put(block, positions)
@@ -171,23 +205,36 @@ class BlockedRows:
 
     def summed_equations(self) -> Gaussian:
         """Return the normal equations of all blocks together, of which one is held at a time."""
-        total, _ = self._of_block(0)
-        for block in range(1, BLOCKS.blocks):
-            total = total + self._of_block(block)[0]
-        return total
+        return reduce(add, (total for total, _ in self._of_blocks()))
 
-    def _of_block(self, block: int) -> tuple[Gaussian, Gaussian]:
-        """Return the normal equations of a block with the prior, and of its position rows alone.
+    def _of_blocks(self) -> Iterator[tuple[Gaussian, Gaussian]]:
+        """Yield the normal equations of each block with the prior, and of its position rows alone.
 
         The prior on the arm's weights enters as pseudo-observations, shared among the blocks: if an
         effect needs weights unlike those described, it counts against the effect.
         """
-        knots, bases = [self.knots] * len(self.joints), [self.basis] * len(self.joints)
-        by_kind = self.equations_by_kind(block, self.joints, knots, bases)
-        total = by_kind.total
-        diagonal = np.arange(total.unknowns)
-        total.gram[diagonal, diagonal] += self._precision
-        return total, by_kind.positions
+        diagonal = np.arange(len(self._precision))
+        for by_kind in self._by_kind():
+            total = by_kind.total
+            total.gram[diagonal, diagonal] += self._precision
+            yield total, by_kind.positions
+
+    def _by_kind(self) -> Iterator[ByKind]:
+        """Yield the normal equations of each block in all columns, without the prior."""
+        if not self._are_kept(len(self._precision)):
+            knots, bases = [self.knots] * len(self.joints), [self.basis] * len(self.joints)
+            for block in range(BLOCKS.blocks):
+                yield self.equations_by_kind(block, self.joints, knots, bases)
+            return
+        # The columns of few rows take less than the products of all coefficients.
+        every, (count, components) = self._every, self.weights.whitener.shape[:2]
+        turned = [every.maps([self.knots], [j]) @ self.basis for j in range(len(self.joints))]
+        columns = np.hstack([every.dense, *turned, every.data[:, None]])
+        columns = columns.reshape(count, components, -1)
+        kinds = np.isin(np.arange(components), self.survey.poses.measured.position_columns)
+        for block in range(BLOCKS.blocks):
+            own = columns[self.rows_of(block)]
+            yield ByKind(*(Gaussian.of_rows(own[:, at]) for at in (kinds, ~kinds)))
 
     @cached_property
     def _precision(self) -> Array:
@@ -205,16 +252,22 @@ class BlockedRows:
     def equations_by_kind(
         self, block: int, joints: Sequence[int], knots: Sequence[int], bases: Sequence[Array] = ()
     ) -> ByKind:
-        """Return the normal equations of a block, in the dense columns, then those of maps.
+        """Return the normal equations of a block, see `equations_of`."""
+        return self.equations_of(self.rows_of(block), joints, knots, bases)
+
+    def equations_of(
+        self, poses: Index, joints: Sequence[int], knots: Sequence[int], bases: Sequence[Array] = ()
+    ) -> ByKind:
+        """Return the normal equations of some poses, in the dense columns, then those of maps.
 
         Args:
-            block: number of the block.
+            poses: numbers of the poses.
             joints: joints of the maps.
             knots: B-splines a turn of each map.
             bases: coefficients (K, h) of the B-splines of each map for other unknowns of it, see
                 `in_map_bases`; none where the coefficients of those `touched` are the unknowns.
         """
-        design, measured = self.design(block), self.survey.poses.measured
+        design, measured = self.design_of(poses), self.survey.poses.measured
         touched = self.touched(joints, knots)
         splines = design.maps(knots, [self.joints.index(joint) for joint in joints], touched)
         bases = [basis[at] for basis, at in zip(bases, touched, strict=True)] if bases else ()
@@ -240,42 +293,71 @@ class BlockedRows:
         """B-splines that were found to be touched, by joint and knots."""
         return {}
 
-    @cached_property
-    def _kept(self) -> dict[int, BlockDesign]:
-        """Blocks that were computed, where all of them together are small."""
-        return {}
+    def _are_kept(self, columns: int) -> bool:
+        """Return whether the poses are so few that so many columns of all of them are kept."""
+        return self.survey.block.size * columns < COMPUTING.most_kept
+
+    def rows_of(self, block: int) -> Index:
+        """Return the numbers of the poses of one block."""
+        return np.flatnonzero(self.survey.block == block)
 
     def design(self, block: int) -> BlockDesign:
         """Return the whitened rows of one block."""
-        if block in self._kept:
-            return self._kept[block]
-        found = self._design(block)
-        if self.survey.block.size * found.dense.shape[1] < COMPUTING.most_kept:
-            self._kept[block] = found
-        return found
+        return self.design_of(self.rows_of(block))
 
-    def _design(self, block: int) -> BlockDesign:
-        rows = np.flatnonzero(self.survey.block == block)
-        poses, whiten = self.survey.poses.take(rows), self.weights.whiteners(rows)
+    def design_of(self, poses: Index) -> BlockDesign:
+        """Return the whitened rows of some poses, by their numbers."""
+        if self._are_kept(self.dense_count):
+            return self._every.take(poses)
+        return self._design(self._linearised(self.survey.poses.take(poses)), poses)
+
+    @cached_property
+    def _every(self) -> BlockDesign:
+        """Return the whitened rows of all poses."""
+        poses, known = self.survey.poses, self.known
+        same = known.only(self.shaped) if known is not None and known.poses is poses else None
+        return self._design(same or self._linearised(poses), slice(None))
+
+    @property
+    def few_linearised(self) -> Linearised | None:
+        """Return all poses about the operating point; None where they are too many to be kept."""
+        return self._linearised(self.survey.poses) if self._are_kept(self.dense_count) else None
+
+    def _linearised(self, poses: Observations) -> Linearised:
         at, model = self.operating_point, self.operating_point.model
-        terms: list[Term] = [*model.terms, *(shaped.effect for shaped in self.shaped)]
-        points = [at.x[model.columns_of(term)] for term in model.terms]
-        points += [shaped.start for shaped in self.shaped]
         joints = jacobians.joint_positions(at, self.joints)
-        *derivatives, by_angle = jacobians.by_terms(
-            at, poses, [*terms, joints], [*points, np.zeros(len(self.joints))], whiten
+        terms: list[Term] = [*model.terms, joints, *(each.effect for each in self.shaped)]
+        points = [at.x[model.columns_of(term)] for term in model.terms]
+        points += [np.zeros(len(self.joints)), *(each.start for each in self.shaped)]
+        compared = at.compared(poses)
+        return Linearised(
+            poses=poses,
+            residual=compared.residual,
+            by_targets=compared.by_targets,
+            nuisances=tuple(each.columns(at, poses) for each in self.survey.nuisances),
+            motions=jacobians.motions_by_terms(at, poses, terms, points),
+            shaped=self.shaped,
         )
-        of_model, of_effects = derivatives[: len(model.terms)], derivatives[len(model.terms) :]
-        sizes = possible_sizes(model, poses.measured)
-        columns = [np.concatenate(of_model, axis=2) * sizes[: len(at.x)]]
-        columns.append(whiten @ (at.compared(poses).by_targets * sizes[len(at.x) :]))
-        columns += [whiten @ each.columns(at, poses) for each in self.survey.nuisances]
+
+    def _design(self, here: Linearised, rows: Index | slice) -> BlockDesign:
+        """Return the whitened rows of some of the survey's poses."""
+        whiten, model = self.weights.whiteners(rows), self.operating_point.model
+        derivatives = here.motions.by_parameters(whiten)
+        of_model, of_effects = derivatives[: len(model.terms)], derivatives[len(model.terms) + 1 :]
+        sizes = possible_sizes(model, here.poses.measured)
+        count = len(self.operating_point.x)
+        columns = [np.concatenate(of_model, axis=2) * sizes[:count]]
+        columns.append(whiten @ (here.by_targets * sizes[count:]))
+        columns += [whiten @ each for each in here.nuisances]
         for shaped, derivative in zip(self.shaped, of_effects, strict=True):
             columns.append(derivative[:, :, : shaped.effect.linear] @ shaped.effect.prior_factor)
         dense = np.concatenate(columns, axis=2)
-        q_rad = poses.states.q_rad[:, [joint - 1 for joint in self.joints]]
-        data = -whiten @ at.compared(poses).residual[:, :, None]
-        return BlockDesign(data.ravel(), dense.reshape(-1, dense.shape[2]), by_angle, q_rad)
+        return BlockDesign(
+            data=(-whiten @ here.residual[:, :, None]).ravel(),
+            dense=dense.reshape(-1, dense.shape[2]),
+            by_angle=derivatives[len(model.terms)],
+            q_rad=here.poses.states.q_rad[:, [joint - 1 for joint in self.joints]],
+        )
 
     def block_residual(self, block: int, x: Array) -> Array:
         """Return measured less predicted components of a block, (p, b, m), not whitened.
@@ -292,7 +374,7 @@ class BlockedRows:
 
     def unwhitened(self, block: int, white: Array) -> Array:
         """Return whitened rows (b p, m) of a block as its components, (p, b, m)."""
-        whiteners = self.weights.whiteners(np.flatnonzero(self.survey.block == block))
+        whiteners = self.weights.whiteners(self.rows_of(block))
         return np.asarray(np.linalg.solve(whiteners, white.reshape(*whiteners.shape[:2], -1)))
 
 
@@ -311,16 +393,17 @@ def weighted_rows(survey: Survey, shaped: tuple[ShapedEffect, ...], knots: int) 
     """
     measured = survey.poses.measured
     named = tuple(each for each in shaped if not (each.effect.generic or each.shape))
-    rows = BlockedRows(survey, unweighted(measured), named, MAPS.weighing_knots)
+    known = BlockedRows(survey, unweighted(measured), shaped, knots).few_linearised
+    rows = BlockedRows(survey, unweighted(measured), named, MAPS.weighing_knots, known)
     weights = pose_weights(
         rows.operating_point.compared(survey.poses).residual,
         float(len(rows.baseline_columns)),
         measured,
     )
     for _ in range(MAPS.reweighted):
-        rows = BlockedRows(survey, weights, named, MAPS.weighing_knots)
+        rows = replace(rows, weights=weights)
         weights = pose_weights(*_residual_of_richest_model(rows), measured)
-    return BlockedRows(survey, weights, shaped, knots)
+    return BlockedRows(survey, weights, shaped, knots, known)
 
 
 def _residual_of_richest_model(rows: BlockedRows) -> tuple[Array, float]:

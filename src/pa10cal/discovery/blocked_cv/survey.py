@@ -42,8 +42,7 @@ class Survey:
     # in order of time; their states hold the static loads and the directions of arrival
     poses: Observations
     # (P,) number of the block of each pose, from 0: consecutive poses, or interleaved where the
-    # base moves or something changed in the course of time. In copies made by `bands` block 0 has
-    # the poses of one stretch of angles, and all others are in none, which is -1
+    # base moves or something changed in the course of time
     block: Index
     # the model from which the search sets out; its chain has the bends of the long links
     baseline: FittedModel
