@@ -7,8 +7,9 @@ random, clusters of neighbours, and stretches of time. The squares of their erro
 noise and parameters, are estimated as a function of the distance to the nearest fitted pose.
 Components count by how certainly noise lets their squares be known, since those of the noisiest
 would hide all others. Readings beyond the tails of the others count less, the farther they are: a
-gross error is no property of the model. Where torques were logged, what predictions lose without
-the log is added (`fit.logged_torques`).
+gross error is no property of the model. Springs that were fitted to logged torques are judged as
+they predict, by the torques of the weights: noise of the log moves the poses of a fit, and no
+prediction.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from pa10cal.arm.chain import BASE, end_pose_with_screws
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index, Mask
 from pa10cal.fit.fitted import Fitted
-from pa10cal.fit.logged_torques import lost_without_log_mm
+from pa10cal.fit.logged_torques import is_fitted_to_log, lost_without_log_mm, under_weights
 from pa10cal.fit.problem import GaussianPrior, Problem, Rows, possible_sizes
 from pa10cal.fit.repeatability import (
     along_noise_axes,
@@ -75,6 +76,15 @@ def discrepancy_of(
         readings: single readings of the poses, as modelled, by whose repeats the repeatability of
             the arm is found; None where it is not to be.
     """
+    lost_mm = 0.0
+    if is_fitted_to_log(model):
+        of_fit = model
+        lost_mm = lost_without_log_mm(of_fit, poses)
+        model, poses = under_weights(of_fit, poses)
+        if kept_apart:
+            kept_apart = under_weights(of_fit, kept_apart)[1]
+        if readings:
+            readings = under_weights(of_fit, readings)[1]
     of_repeats_mm = 0.0 if readings is None else repeatability_mm(model, readings)
     poses = poses.thinned_by_pose(LACK.most_poses)
     _, label = np.unique(poses.pose, return_inverse=True)
@@ -82,7 +92,6 @@ def discrepancy_of(
     groups = min(LACK.groups, count // LACK.least_in_group)
     if groups < 2:
         return None
-    lost_mm = lost_without_log_mm(model, poses, *([kept_apart] if kept_apart else []))
     rows = RowsAboutFit.of(model, poses, expected=expected)
     rows = rows.with_repeatability(of_repeats_mm, poses.readings)
     lever_m = levers_m(model.model, model.x, poses.states)
@@ -100,6 +109,9 @@ def discrepancy_of(
     # where it was fitted, as one that was fitted beside an error without a name.
     expected_mm2 = max(float(np.average(errors_mm2, weights=weights)), 0.0)
     own_mm2 = rows.beyond_noise_mm2(poses.measured.by_stated_targets, certainty)
+    # Base and targets were fitted under the log, too, so that a part of what is lost without it is
+    # theirs.
+    own_mm2 = max(own_mm2, lost_mm**2)
     mean_mm2 = mean_mm2 + max(own_mm2 - expected_mm2, 0.0)
     found = Discrepancy(
         q=poses.states.q_rad[places],
@@ -111,14 +123,14 @@ def discrepancy_of(
         repeatability_mm=of_repeats_mm,
     )
     if kept_apart is None or not len(kept_apart):
-        return replace(found, error_mm=np.sqrt(mean_mm2 + lost_mm**2))
+        return found
     apart = RowsAboutFit.of(model, kept_apart)
     apart = apart.with_repeatability(of_repeats_mm, kept_apart.readings).with_noise_by(
         rows.of_noise
     )
     of_mean = replace(found, repeatability_mm=0.0)  # readings are averaged
     more_mm2 = _beyond_promised_mm2(model, of_mean, apart, kept_apart.states.q_rad)
-    return replace(found, error_mm=np.sqrt(mean_mm2 + more_mm2 + lost_mm**2))
+    return replace(found, error_mm=np.sqrt(mean_mm2 + more_mm2))
 
 
 class _HeldOut(NamedTuple):
