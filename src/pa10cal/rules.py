@@ -392,6 +392,9 @@ class Masses:
     # a total that differs by more from the sum of the parts contradicts them (size)
     total_off_share: float = 0.25
     gain: float = 0.05  # scale of a joint's logged torque that may be (size)
+    # gain of a joint's logged torque below which a log is right: loads and lengths are stated to
+    # about as much (size)
+    least_gain: float = 0.02
     friction_share: float = 0.03  # friction that may be, of its rated torque (size)
     zero_share: float = 0.01  # zero that may be, of its rated torque (size)
     # friction from which on a log is of a motor, and it is taken out, of its rated torque: sensors

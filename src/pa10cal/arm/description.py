@@ -63,8 +63,8 @@ class WeighedByLog:
 
     x: Array  # (4 n + 3,) the differences
     covariance: Array  # (4 n + 3, 4 n + 3) of the differences
-    # which mass the log contradicts, with both numbers, zeros and friction of torques; empty for
-    # none
+    # which mass the log contradicts, with both numbers, gains, zeros and friction of torques; empty
+    # for none
     said: str = ""
     # (n,) zeros of the logged torques, 0 where not shown; empty where no joint shows one
     zero_Nm: Array = field(default_factory=lambda: np.zeros(0))
@@ -72,6 +72,10 @@ class WeighedByLog:
     # uncertainty; empty where no joint shows any
     friction_Nm: Array = field(default_factory=lambda: np.zeros(0))
     u_friction_Nm: Array = field(default_factory=lambda: np.zeros(0))
+    # (n,) gains of the logged torques, which are 1 + gain times those of the weights, 0 where not
+    # shown, and their standard uncertainties; empty where no joint shows one
+    gain: Array = field(default_factory=lambda: np.zeros(0))
+    u_gain: Array = field(default_factory=lambda: np.zeros(0))
 
 
 @dataclass(frozen=True)

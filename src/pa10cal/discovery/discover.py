@@ -45,7 +45,7 @@ from pa10cal.discovery.sessions import (
     is_moved_in_order,
     moved_in_order,
 )
-from pa10cal.discovery.torque_faults import stated_wrongly, with_friction_of_log
+from pa10cal.discovery.torque_faults import stated_wrongly, with_errors_of_log
 from pa10cal.discovery.verdict import (
     Basis,
     Gaps,
@@ -102,7 +102,7 @@ def discover(
         found = with_lines_named(with_proposals(_likelier(found, gated(found))))
         found = _with_campaigns_compared(found)
     found = with_likely_alternatives(with_predicted(with_compliance(found)))
-    return with_friction_of_log(with_doubt(with_other_readings(found)))
+    return with_errors_of_log(with_doubt(with_other_readings(found)))
 
 
 def _without_joint_steps(

@@ -1,4 +1,4 @@
-"""Loads and tool that the log states wrongly, found by logged torques; friction that these hold.
+"""Loads and tool that the log states wrongly, found by logged torques; errors that these have.
 
 Where effects are judged by blocks of poses, logged torques are no rows of the search: springs take
 them from the log as they are, and a wrong load moves no pose. It shows in the torques alone.
@@ -30,7 +30,7 @@ from pa10cal.observe.observations import Observations
 from pa10cal.results.discovery import EvidenceByTorques
 from pa10cal.rules import MASSES
 from pa10cal.terms.effects.effect import CandidateContext
-from pa10cal.terms.effects.joint import FrictionTorque
+from pa10cal.terms.effects.joint import FalseTorque, FrictionTorque, TorqueGain
 from pa10cal.terms.weights import WeightStated, fault_candidates
 
 
@@ -59,7 +59,7 @@ def stated_wrongly(
 
 
 class InTorques(EvidenceByTorques, Proof):
-    """The statistics that decided about friction in a log."""
+    """The statistics that decided about gain or friction of a log."""
 
     @property
     @override
@@ -67,28 +67,34 @@ class InTorques(EvidenceByTorques, Proof):
         return self
 
 
-def with_friction_of_log(found: Verdict) -> Verdict:
-    """Return a verdict that tells the friction which was taken out of its logged torques."""
+def with_errors_of_log(found: Verdict) -> Verdict:
+    """Return a verdict that tells gains and friction which were taken out of its logged torques."""
     arm = found.baseline.arm
     by_log = weights_known(arm).by_log
-    if not is_sought(found) or by_log is None or not by_log.friction_Nm.any():
+    if not is_sought(found) or by_log is None:
         return found
     rated_Nm = arm.rated_Nm(np.abs(found.train.poses.states.tau_Nm).max(axis=0))
     findings = []
-    for joint in np.flatnonzero(by_log.friction_Nm):
+    for joint in np.flatnonzero(by_log.gain).tolist():
+        gain, u_gain = float(by_log.gain[joint]), float(by_log.u_gain[joint])
+        findings.append(_in_log(TorqueGain(f"joint {joint + 1}"), gain, u_gain, abs(gain)))
+    for joint in np.flatnonzero(by_log.friction_Nm).tolist():
         tau_Nm, u_Nm = float(by_log.friction_Nm[joint]), float(by_log.u_friction_Nm[joint])
-        findings.append(
-            Finding(
-                effect=FrictionTorque(f"joint {joint + 1}", float(rated_Nm[joint])),
-                x=np.array([tau_Nm]),
-                covariance=np.array([[u_Nm**2]]),
-                alternatives=(),
-                proof=InTorques(
-                    standard_uncertainties=tau_Nm / u_Nm, of_rated=tau_Nm / float(rated_Nm[joint])
-                ),
-            )
-        )
-    return replace(found, in_log=tuple(findings))
+        effect = FrictionTorque(f"joint {joint + 1}", float(rated_Nm[joint]))
+        findings.append(_in_log(effect, tau_Nm, u_Nm, tau_Nm / float(rated_Nm[joint])))
+    return replace(found, in_log=tuple(findings)) if findings else found
+
+
+def _in_log(effect: FalseTorque, amount: float, u_amount: float, of_rated: float) -> Finding:
+    """Return an error of a log, of an amount with its standard uncertainty, as a finding."""
+    proof = InTorques(standard_uncertainties=abs(amount) / u_amount, of_rated=of_rated)
+    return Finding(
+        effect=effect,
+        x=np.array([amount]),
+        covariance=np.array([[u_amount**2]]),
+        alternatives=(),
+        proof=proof,
+    )
 
 
 @dataclass(frozen=True)

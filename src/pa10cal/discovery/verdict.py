@@ -236,7 +236,7 @@ class Verdict(Generic[S]):
     # joints that give way under weights that are not stated; their springs are in the calibrated
     # model already
     gives_way: tuple[Finding[ComplianceProof], ...] = ()
-    in_log: tuple[Finding, ...] = ()  # friction of logged torques, which was taken out of them
+    in_log: tuple[Finding, ...] = ()  # errors of logged torques, which were taken out of them
     faults_of_rows: tuple[DiagnosedFault, ...] = ()  # faults of single rows, found after the search
 
     # Errors without a name: as they are reported, as the search found them, as the model has them.

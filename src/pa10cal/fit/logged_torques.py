@@ -8,6 +8,7 @@ columns of `StaticLoads.by_weights`.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple, TypeVar
@@ -36,15 +37,20 @@ _LEAST_SINGULAR = 1e-9
 
 
 def without_torque_errors(every: Observations, arm: Arm) -> Observations:
-    """Return readings without the zeros and friction that the weighed arm has of their torques.
+    """Return readings whose torques are without the errors that the weighed arm has of its log.
 
-    A fit takes the zero of a torque, through a spring, as one of the joint, and friction of a motor
-    as lost motion. Predictions calculate torques from the weights, which have neither.
+    These are gains, zeros and friction. A fit takes a zero, through a spring, as one of the joint,
+    friction of a motor as lost motion, and a gain as one of the spring. Predictions calculate
+    torques from the weights, which have none of these.
     """
     by_log = weights_known(arm).by_log
-    if by_log is None or not (by_log.zero_Nm.any() or by_log.friction_Nm.any()):
+    if by_log is None:
+        return every
+    if not any(errors.any() for errors in (by_log.gain, by_log.zero_Nm, by_log.friction_Nm)):
         return every
     tau_Nm = every.states.tau_Nm
+    if len(by_log.gain):
+        tau_Nm = tau_Nm / (1.0 + by_log.gain)
     if len(by_log.zero_Nm):
         tau_Nm = tau_Nm - by_log.zero_Nm
     if len(by_log.friction_Nm):
@@ -159,6 +165,8 @@ class LoggedTorques:
     load_N: Array  # (P,) external load of each pose
     arrival: Array  # (P, n) direction in which each joint arrived
     repeated: bool  # whether many of the poses are averages of readings
+    # (n,) scatter of the torques, where it was found beside more errors than are in `nuisance`
+    scatter_Nm: Array | None = None
 
     @classmethod
     def of(
@@ -233,6 +241,8 @@ class LoggedTorques:
     @cached_property
     def _noise_Nm(self) -> Array:
         """Return the scatter (n,) of logged torques about a fit by weights of any size."""
+        if self.scatter_Nm is not None:
+            return self.scatter_Nm
         columns = np.concatenate([self.by_weights * self._any_sizes, self.nuisance], axis=2)
         least_Nm = MASSES.resolved_share * max(float(np.abs(self.logged_Nm).max()), 1.0)
         scaled = MASSES.any_sizes * columns
@@ -303,6 +313,52 @@ class LoggedTorques:
         if len(errors.friction_Nm):
             residual_Nm = residual_Nm - errors.friction_Nm * self.arrival
         return replace(self, residual_Nm=residual_Nm)
+
+    def beside_errors(
+        self, gains: Sequence[int] = (), *, loads_stated: bool = True
+    ) -> LoggedTorques:
+        """Return the torques beside friction, zeros, gains of joints, and loads stated wrongly.
+
+        Their scatter is that beside all of these; gains have no prior size.
+
+        Args:
+            gains: joints, from 0, whose gains may be of any size; others have none.
+            loads_stated: whether every load is as stated, or its size and its point may be wrong.
+        """
+        n, calculated_Nm = self.arm.n, self.logged_Nm - self.residual_Nm
+        usual, every_gain = self.nuisance[:, :, n : 3 * n], calculated_Nm[:, :, None] * np.eye(n)
+        of_loads = self._loads_stated_wrongly()
+        every = replace(self, nuisance=np.concatenate([usual, of_loads, every_gain], axis=2))
+        of_loads = of_loads[:, :, : 0 if loads_stated else None]
+        nuisance = np.concatenate([usual, of_loads, every_gain[:, :, list(gains)]], axis=2)
+        return replace(self, nuisance=nuisance, scatter_Nm=every._noise_Nm)
+
+    def _loads_stated_wrongly(self) -> Array:
+        """Return columns of the size of every load, and of where all of them act, (P, n, l + 3)."""
+        last, of_load = 4 * (self.arm.n - 1), self.nuisance[:, :, -1]
+        sizes = [of_load * (self.load_N == load)[:, None] for load in np.unique(self.load_N)]
+        gravity = float(np.linalg.norm(self.payload.gravity_m_s2))
+        moments = self.by_weights[:, :, last + 1 : last + 4] * self.load_N[:, None, None] / gravity
+        return np.concatenate([np.stack(sizes, axis=2), moments], axis=2)
+
+    def gains_by_loads(self) -> tuple[int, ...]:
+        """Return the joints, from 0, whose torques grow with stated loads by another factor than 1.
+
+        Weights of any size are beside the gains, so that loads alone show them; none without loads.
+        """
+        n = self.arm.n
+        if len(np.unique(self.load_N)) < 2 or self.payload.of_campaigns:
+            return ()
+        fit = self.beside_errors(range(n)).fitted(self._any_sizes)
+        gain, u_gain = fit.errors[-n:], fit.errors_std[-n:]
+        shown = np.abs(gain) > np.maximum(MASSES.least_gain, MASSES.differs_errors * u_gain)
+        return tuple(np.flatnonzero(shown).tolist())
+
+    def less_gains(self, gain: Array) -> LoggedTorques:
+        """Return the torques less gains (n,)."""
+        logged_Nm = self.logged_Nm / (1.0 + gain)
+        residual_Nm = self.residual_Nm + logged_Nm - self.logged_Nm
+        return replace(self, logged_Nm=logged_Nm, residual_Nm=residual_Nm)
 
     def errors_shown(self, sizes: Array) -> ErrorsShown:
         """Return what the torques show beside weights of these uncertainties (4 n + 3,).

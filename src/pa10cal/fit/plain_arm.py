@@ -32,7 +32,7 @@ _CONVENTIONS = {
     )
 }
 #: Errors of logged torques, which a file has where some joint shows one.
-_OF_LOG = ("zero_Nm", "friction_Nm", "u_friction_Nm")
+_OF_LOG = ("zero_Nm", "friction_Nm", "u_friction_Nm", "gain", "u_gain")
 
 
 def arm_to_plain(arm: Arm, bends: tuple[int, ...] = ()) -> dict[str, Any]:

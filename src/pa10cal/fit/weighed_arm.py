@@ -66,7 +66,12 @@ def weighed_arm(
         arm = replace(arm, weights_known=replace(arm.weights_known, why=why))
     payload = payload_of(arm)
     torques = None if payload is None else _torques_of_weights(arm, payload, every)
-    return arm if torques is None else _weighed_by(torques)
+    if torques is None:
+        return arm
+    gains = _GainsShown.of(torques)
+    return gains.told_of(
+        _weighed_by(torques.less_gains(gains.gain) if gains.gain.any() else torques)
+    )
 
 
 def weighed_model(model: F, every: Observations) -> F:
@@ -146,6 +151,71 @@ def weights_finding(arm: Arm) -> tuple[InputFinding, ...]:
             would_leave_mm=None,
         ),
     )
+
+
+# Gains of single joints, which stated loads show and nothing else that may be stated wrongly.
+
+
+class _GainsShown(NamedTuple):
+    """Gains of the logged torques of n joints, 0 where not shown, and what they are in words."""
+
+    gain: Array  # (n,)
+    u_gain: Array  # (n,) standard uncertainties
+    text: str  # empty for none
+
+    @classmethod
+    def of(cls, torques: LoggedTorques) -> _GainsShown:
+        """Return the gains that both loads and weights show, by forward selection.
+
+        A spring fitted to the log is off by its gain, and poses cannot show that: under a log that
+        is larger by a tenth, a joint stiffer by a tenth deflects as much. Torques can: those of a
+        stated load are known. Only where no mass, centre, load or point of the loads explains them
+        as well is it the gain of a joint. One of all joints looks like a load stated wrongly, and
+        stays in the log.
+        """
+        none = cls(np.zeros(torques.arm.n), np.zeros(torques.arm.n), "")
+        if torques.arm.weights_known is not None or not torques.follow_calculated:
+            return none
+        sizes, shown, chosen = torques.stated_sizes, torques.gains_by_loads(), list[int]()
+        while others := [joint for joint in shown if joint not in chosen]:
+            beside = torques.beside_errors(chosen)
+            objective = beside.fitted(sizes).objective
+            of_gains = {
+                joint: torques.beside_errors([*chosen, joint]).fitted(sizes).objective
+                for joint in others
+            }
+            best = min(others, key=lambda joint: of_gains[joint])
+            of_loads = torques.beside_errors(chosen, loads_stated=False).fitted(sizes).objective
+            rivals = [of_loads, *(each.objective for each in _contradicted_beside(beside, []))]
+            if (objective - of_gains[best]) / 2.0 < MASSES.needed_nats:
+                break
+            if (min(rivals) - of_gains[best]) / 2.0 < MASSES.needed_nats:
+                break
+            chosen.append(best)
+        if not chosen:
+            return none
+        fit = torques.beside_errors(chosen).fitted(sizes)
+        gain, u_gain = np.zeros(torques.arm.n), np.zeros(torques.arm.n)
+        gain[chosen], u_gain[chosen] = fit.errors[-len(chosen) :], fit.errors_std[-len(chosen) :]
+        listed = " and ".join(
+            f"{with_half_width_95(1.0 + gain[joint], u_gain[joint])} times those of the loads and "
+            f"weights stated at joint {joint + 1}"
+            for joint in sorted(chosen)
+        )
+        text = (
+            f"logged torques are {listed}, which is taken out before the fit: check the scale of "
+            "the torque sensors"
+        )
+        return cls(gain, u_gain, text)
+
+    def told_of(self, arm: Arm) -> Arm:
+        """Return the weighed arm with the gains of its log."""
+        known = weights_known(arm)
+        if known.by_log is None or not self.text:
+            return arm
+        said = "; ".join(filter(None, (self.text, known.by_log.said)))
+        by_log = replace(known.by_log, said=said, gain=self.gain, u_gain=self.u_gain)
+        return replace(arm, weights_known=replace(known, by_log=by_log))
 
 
 # Which masses and centres, stated of an arm, its logged torques contradict.

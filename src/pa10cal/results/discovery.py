@@ -76,10 +76,10 @@ class EvidenceOfSag(record.Part):
 
 
 class EvidenceByTorques(record.Part):
-    """Statistics that decided about friction that logged torques show by themselves."""
+    """Statistics that decided about errors that logged torques show by themselves."""
 
     standard_uncertainties: float  # its size in standard uncertainties
-    of_rated: float  # its size over the rated torque of the joint
+    of_rated: float  # its size at rated torque, over that torque
 
 
 #: Statistics that decided about an effect, by who judged.

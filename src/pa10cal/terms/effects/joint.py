@@ -467,6 +467,14 @@ class TorqueGain(FalseTorque):
     words = "logged tau_{0.joint} = (1 + g) tau_{0.joint}"
     reported = (TermParameter("g", "1", 1e-3, plausible=0.05),)
 
+    @classmethod
+    def fields_at(cls, context: effect.CandidateContext, joint: int) -> tuple[Any, ...] | None:
+        """Return its fields; None also where it was taken out of the log."""
+        by_log = weights_known(context.arm).by_log
+        if by_log is not None and by_log.gain[joint - 1 : joint].any():
+            return None
+        return super().fields_at(context, joint)
+
     def per_unit(self, states: PoseStates) -> Array:
         return effect.static_loads_in(states, self).joint_Nm[:, self.joint - 1]
 
