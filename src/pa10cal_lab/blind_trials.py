@@ -27,6 +27,7 @@ from pa10cal.campaign.read import read_campaign
 from pa10cal.command_settings import ChainOptions, EvaluationOptions
 from pa10cal.errors import Pa10calError
 from pa10cal.files.arms import load_arm
+from pa10cal.fit.logged_torques import without_torque_errors
 from pa10cal.fit.model_reading import models_of
 from pa10cal.results.calibration import CalibrationRecord
 from pa10cal.results.codec import read
@@ -225,7 +226,8 @@ def _residual_mm(name: str, settings: SimulateOptions, options: ChainOptions) ->
             # Calibration as by the stages, but without checks of the input, and from one start if
             # that converges: others end at the same residuals.
             read, calibration = read_campaign(raw, options.ingest), options.calibration
-            about = read.description, read.arm, read.observations, COMBINED
+            every = without_torque_errors(read.observations, read.arm)
+            about = read.description, read.arm, every, COMBINED
             once = calibration.model_copy(update={"starts": 1})
             record = calibrated_record(LoadCase(*about, once), options.base_frame)
             if record.status != "converged":

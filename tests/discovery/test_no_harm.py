@@ -11,6 +11,7 @@ from pa10cal.discovery.gap import ErrorsByName, PairedErrors
 from pa10cal.discovery.no_harm import harmless
 from pa10cal.fit.model_reading import load_model
 from pa10cal.fit.validity import nothing_seen, span_visited
+from pa10cal.terms.effects.joint import TorqueGain
 
 
 def with_errors(found, factor, beyond):
@@ -129,12 +130,23 @@ def test_one_pose_in_a_gap_of_the_fit_contradicts_a_name_by_more_than_chance(
     assert judged.falls_back is None
 
 
-@pytest.mark.parametrize(("factor", "left"), [(0.5, 1), (1.0, 2), (2.0, 2)])
-def test_a_name_without_which_held_out_poses_do_better_goes(monkeypatch, eccentric, factor, left):
+@pytest.mark.parametrize(
+    ("factor", "of_log", "left"),
+    [
+        (0.5, False, 1),
+        (1.0, False, 2),
+        (2.0, False, 2),
+        (0.5, True, 2),  # held-out poses are predicted under the torques as logged
+    ],
+)
+def test_a_name_without_which_held_out_poses_do_better_goes(
+    monkeypatch, eccentric, factor, of_log, left
+):
     """Of two names, where without the second errors are those with it times a factor."""
     found = eccentric.discovery
     (first,) = found.findings
-    second = replace(first, effect=replace(first.effect, of="joint 5"), alternatives=(), rivals=())
+    effect = TorqueGain("joint 5") if of_log else replace(first.effect, of="joint 5")
+    second = replace(first, effect=effect, alternatives=(), rivals=())
     after = found.holdout.found_after
     without = {
         first.effect: replace(after, distance_mm=2.0 * after.distance_mm),

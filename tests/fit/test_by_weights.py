@@ -39,21 +39,22 @@ def truth(q_rad, load_N=0.0):
     return replace(states, static_loads=None), model.predict(states, x)
 
 
-def calibrated(gain, noise_Nm, loads_N=(0.0,), stated=1.0):
+def calibrated(gain, noise_Nm, loads_N=(0.0,), stated=1.0, repeats=1):
     """Return a model fitted to a log with gains of joints, (n,) or one of joint 2, and its poses.
 
     Loads come in turn; stated is what is stated of them over what they are.
     """
     rng = np.random.default_rng(5)
-    q_rad = rng.uniform(-1.8, 1.8, (POSES, 6))
-    states, T = truth(q_rad, np.resize(loads_N, POSES))
+    pose = np.arange(POSES) // repeats
+    q_rad = rng.uniform(-1.8, 1.8, (POSES, 6))[pose]
+    states, T = truth(q_rad, np.resize(loads_N, POSES)[pose])
     logged = states.tau_Nm + noise_Nm * rng.standard_normal(states.tau_Nm.shape)
     logged *= gain if np.ndim(gain) else np.where(np.arange(6) == 1, gain, 1.0)
     states = replace(states, load_N=stated * states.load_N)
     states = replace(states, tau_Nm=logged, time_s=60.0 * np.arange(POSES))
     T[:, :3, 3] += NOISE_M * rng.standard_normal((POSES, 3))
     cov = np.tile(np.diag(np.repeat([NOISE_M**2, 1e-10], 3)), (POSES, 1, 1))
-    every = measured_poses(np.array([f"P{k:03}" for k in range(POSES)]), states, T, cov)
+    every = measured_poses(np.array([f"P{k:03}" for k in pose]), states, T, cov)
     arm = weighed_arm(ARM, every, lambda arm: TOOL)
     every = without_torque_errors(every, arm)
     options = CalibrationOptions().with_springs(tuple(WINDUP_RAD))
@@ -107,14 +108,15 @@ def test_a_gain_that_stated_loads_show_is_taken_out_before_the_fit(gain):
 
 
 @pytest.mark.parametrize(
-    ("gain", "loads_N", "stated"),
+    ("gain", "loads_N", "stated", "repeats"),
     [
-        (1.0, (0.0, 50.0), 1.0),  # nothing is wrong
-        (1.0, (0.0, 50.0), 0.85),  # a load is stated wrongly, by which all joints are off
-        (np.full(6, 1.12), (0.0, 50.0), 1.0),  # looks the same
-        (1.12, (0.0,), 1.0),  # no load: weights of the links may be as wrong
+        (1.0, (0.0, 50.0), 1.0, 1),  # nothing is wrong
+        (1.0, (0.0, 50.0), 0.85, 1),  # a load is stated wrongly, by which all joints are off
+        (np.full(6, 1.12), (0.0, 50.0), 1.0, 1),  # looks the same
+        (1.12, (0.0,), 1.0, 1),  # no load: weights of the links may be as wrong
+        (1.12, (0.0, 50.0), 1.0, 2),  # poses are repeated: a search finds it
     ],
 )
-def test_what_else_may_be_wrong_is_no_gain_of_a_joint(gain, loads_N, stated):
-    model, _ = calibrated(gain, 0.3, loads_N, stated)
+def test_what_else_may_be_wrong_is_no_gain_of_a_joint(gain, loads_N, stated, repeats):
+    model, _ = calibrated(gain, 0.3, loads_N, stated, repeats)
     assert not len(gains_of(model))

@@ -170,13 +170,16 @@ def _without_harmful(found: Verdict[S]) -> Verdict[S]:
     """Return the verdict without those of several names that significantly harm held-out poses.
 
     Such an effect may be present, but depend on a quantity that is not known well enough, as the
-    tilt of a base on weights that are not stated.
+    tilt of a base on weights that are not stated. Held-out poses are predicted under the torques as
+    logged, and so cannot contradict an error of the log.
     """
     while len(names := [name for name in found.effects if is_named(name.effect)]) > 1:
         if (held_out := found.holdout) is None:
             break
         worse: dict[Finding, BeforeAfter] = {}
         for name in names:
+            if name.effect.error_of == "log":
+                continue
             without = found.errors_by_name.held_out_without[name.effect]
             gap = trusted(replace(held_out, found_before=without), found.prepared.suspected)
             if gap is None:
@@ -189,10 +192,7 @@ def _without_harmful(found: Verdict[S]) -> Verdict[S]:
         name = max(worse, key=lambda name: _ratio(worse[name]))
         harm = worse[name]
         rms_mm = f"{harm.before.rms_mm:.4f} mm rms for {harm.after.rms_mm:.4f} mm"
-        log = ", under torques of the log, which predictions do not have"
-        why = (
-            f"held-out poses do better without it{log * (name.effect.error_of == 'log')}, {rms_mm}"
-        )
+        why = f"held-out poses do better without it, {rms_mm}"
         found = without_names(found, {name: why})
     return found
 

@@ -319,14 +319,20 @@ class LoggedTorques:
     ) -> LoggedTorques:
         """Return the torques beside friction, zeros, gains of joints, and loads stated wrongly.
 
-        Their scatter is that beside all of these; gains have no prior size.
+        Their scatter is that beside all of these; gains have no prior size. They are of one joint
+        against the others: all together may have the usual one, as the loads, gravity and the
+        scale of the log make it, and springs then have it too. It is none of theirs if every joint
+        has its own.
 
         Args:
             gains: joints, from 0, whose gains may be of any size; others have none.
             loads_stated: whether every load is as stated, or its size and its point may be wrong.
         """
         n, calculated_Nm = self.arm.n, self.logged_Nm - self.residual_Nm
-        usual, every_gain = self.nuisance[:, :, n : 3 * n], calculated_Nm[:, :, None] * np.eye(n)
+        every_gain, common = calculated_Nm[:, :, None] * np.eye(n), MASSES.gain * calculated_Nm
+        usual = self.nuisance[:, :, n : 3 * n]
+        if len(gains) < n:
+            usual = np.concatenate([usual, common[:, :, None]], axis=2)
         of_loads = self._loads_stated_wrongly()
         every = replace(self, nuisance=np.concatenate([usual, of_loads, every_gain], axis=2))
         of_loads = of_loads[:, :, : 0 if loads_stated else None]

@@ -171,10 +171,13 @@ class _GainsShown(NamedTuple):
         is larger by a tenth, a joint stiffer by a tenth deflects as much. Torques can: those of a
         stated load are known. Only where no mass, centre, load or point of the loads explains them
         as well is it the gain of a joint. One of all joints looks like a load stated wrongly, and
-        stays in the log.
+        stays in the log. Where poses are repeated, gains are effects that a search finds, with the
+        torques in the postures of the calibrated arm.
         """
         none = cls(np.zeros(torques.arm.n), np.zeros(torques.arm.n), "")
-        if torques.arm.weights_known is not None or not torques.follow_calculated:
+        if torques.repeated or torques.arm.weights_known is not None:
+            return none
+        if not torques.follow_calculated:
             return none
         sizes, shown, chosen = torques.stated_sizes, torques.gains_by_loads(), list[int]()
         while others := [joint for joint in shown if joint not in chosen]:
