@@ -64,7 +64,7 @@ def main() -> None:
             arm, joint, turns = drawn(folder, np.random.default_rng([asked.seed, k]), k)
             verdict = verdict_of(folder)
             lines = {
-                found.of: float(found.x[2]) for found in verdict.effects if found.id == "gear_line"
+                found.of: float(found.x[-1]) for found in verdict.effects if found.id == "gear_line"
             }
             others = [f"{each.id} of {each.of}" for each in verdict.effects]
             as_map = f"joint_error_map of joint {joint}" in others

@@ -46,6 +46,25 @@ def test_cycles_are_found_at_their_joint(given, joint, cycles):
     (line,) = found(at, poses, left_by(at, poses, joint, cycles, 2e-4))
     assert (line.id, line.of) == ("gear_line", f"joint {joint}")
     assert abs(line.order - cycles) < 0.05
+    assert line.multiples == ()
+
+
+@pytest.mark.parametrize(
+    ("k", "waves"), [(60.0, {1: 1.6e-4, 2: 8e-5, 3: 5e-5}), (40.0, {1: 8e-5, 2: 2e-4})]
+)
+def test_what_is_no_sine_has_waves_at_multiples_of_its_cycles(given, k, waves):
+    at, poses = given.baseline, given.readings
+    left = sum(left_by(at, poses, 2, m * k, A, seed=m) for m, A in waves.items())
+    (line,) = found(at, poses, left)
+    assert line.order == pytest.approx(k, abs=0.1)
+    assert line.multiples == tuple(waves)[1:]
+
+
+def test_a_line_may_be_the_double_of_a_ratio_that_is_too_low_for_one(given):
+    at, poses = given.baseline, given.readings
+    left = sum(left_by(at, poses, 2, k, A) for k, A in ((10.0, 8e-5), (20.0, 2e-4)))
+    (line,) = found(at, poses, left)
+    assert (line.order, line.multiples) == (pytest.approx(20.0, abs=0.1), ())
 
 
 def test_cycles_are_fitted_within_what_the_range_of_the_joint_resolves(given):
@@ -93,6 +112,9 @@ def test_what_a_stated_ratio_gives_is_left_to_its_name(given):
     left = left_by(at, poses, 2, 100.0, 2e-4)
     assert found(at, poses, left)
     assert found(stated, poses, left) == ()
+    of_motor = left + left_by(at, poses, 2, 50.0, 4e-4)
+    (line,) = found(stated, poses, of_motor)
+    assert (line.order, line.multiples) == (pytest.approx(50.0, abs=0.1), ())
 
 
 @pytest.mark.slow

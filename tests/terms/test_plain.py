@@ -15,6 +15,7 @@ from pa10cal.errors import TermError
 from pa10cal.files.arms import arm_names, load_arm
 from pa10cal.options import Tolerances
 from pa10cal.terms.effects.effect import candidates, every_effect
+from pa10cal.terms.effects.joint import GearLine
 from pa10cal.terms.effects.joint_error_map import (
     BandPrior,
     FadingPrior,
@@ -71,6 +72,12 @@ def test_the_whole_vocabulary_was_there():
     found = {effect.id for arm in arms for effect in candidates(contexts(arm, 1))}
     assert found == {kind.id for kind in every_effect() if kind.role_in_search != "proposed"}
     assert found <= set(term_kinds())
+
+
+def test_lines_of_gears_come_back_equal_and_say_of_multiples_where_they_have_any():
+    for line in (GearLine("joint 1", 40.0), GearLine("joint 1", 40.0, multiples=(2, 3))):
+        assert there_and_back(line) == line
+        assert ("multiples" in term_to_plain(line)["form"]) == bool(line.multiples)
 
 
 @given(st.integers(1, 12), positive, st.booleans())

@@ -9,6 +9,7 @@ from made_up_poses import states_of
 from pa10cal.errors import CalibrationError
 from pa10cal.files.arms import load_arm
 from pa10cal.options import Tolerances
+from pa10cal.terms.effects.joint import GearLine
 from pa10cal.terms.joint_spring import (
     JointSpring,
     baseline,
@@ -28,6 +29,10 @@ TERMS = {
     "linear spring": (
         JointSpring(5, 8.0, cubic=False),
         JointSpring(5, 8.0, cubic=False).solved(2.5e3, 0.0),
+    ),
+    "line of a gear": (
+        GearLine("joint 2", 15.0, multiples=(2, 3)),
+        np.array([1e-4, -5e-5, 3e-5, 2e-5, 1e-5, -4e-5, 15.1]),
     ),
 }
 

@@ -210,7 +210,9 @@ def _lines(
         if order is not None and not abs(order - stated) < spectrum.width:  # nan if not stated
             # A whole turn resolves a cycle a turn, half a turn two.
             width = round(max(spectrum.width, 1.0), LINES.order_decimals)
-            found.append(GearLine(f"joint {joint}", round(order, LINES.order_decimals), width))
+            k, multiples = spectrum.with_multiples(order, stated, error_rate)
+            k = round(k, LINES.order_decimals)
+            found.append(GearLine(f"joint {joint}", k, width, multiples))
     return tuple(found)
 
 
@@ -272,12 +274,50 @@ class _Periodogram:
             return None
         return float(finest.x)
 
-    def gains(self, orders: Array) -> Array:
-        """Return the gain of log evidence by a line of each of K orders, scatter profiled, (K,)."""
-        phase = self.q_rad[:, None] * orders
-        waves = LINES.size_rad * np.stack([np.sin(phase), np.cos(phase)], axis=-1)  # (P, K, 2)
+    def with_multiples(
+        self, order: float, stated: float, error_rate: float
+    ) -> tuple[float, tuple[int, ...]]:
+        """Return k of the line of an order, and the multiples of it that the residual shows too.
+
+        What repeats k times a turn need not be a sine. The line may itself be the double of k, if
+        the wave of k is smaller. Each of these orders is given by that of the line: a wave has to
+        gain no more than the few that are tried demand, beside the waves before it.
+
+        Args:
+            order: of the line [cycles a turn].
+            stated: order that has a name of its own; nan for none.
+            error_rate: probability allowed of finding a multiple where there is none.
+        """
+        if order < LINES.orders[0]:  # in the place of a map, which follows such multiples
+            return order, ()
+        half = (0.5,) if 0.5 * order >= LINES.orders[0] else ()
+        tried = (*half, *range(2, LINES.most_multiple + 1))
+        needed = float(np.log(len(tried) / error_rate))
+        waves = [1.0]
+        for each in tried:
+            has_name = abs(each * order - stated) < self.width
+            if not has_name and self._gain_beside(waves, each, order) > needed:
+                waves.append(each)
+        k = min(waves)
+        further = sorted(round(wave / k) for wave in waves)
+        return k * order, tuple(further[1:])
+
+    def _gain_beside(self, waves: Sequence[float], another: float, order: float) -> float:
+        """Return the gain by another multiple of an order, beside waves of some multiples."""
+        one = np.array([order])
+        return float((self.gains(one, [*waves, another]) - self.gains(one, waves))[0])
+
+    def gains(self, orders: Array, multiples: Sequence[float] = (1.0,)) -> Array:
+        """Return the gain of log evidence by a line of each of K orders, scatter profiled, (K,).
+
+        Args:
+            orders: (K,) cycles a turn.
+            multiples: of each order, of which there are waves.
+        """
+        phase = self.q_rad[:, None, None] * orders[:, None] * multiples
+        waves = LINES.size_rad * np.concatenate([np.sin(phase), np.cos(phase)], axis=-1)
         across = self.rivals.across(*self.by_joint, waves.reshape(len(phase), -1))
-        across = across.reshape(-1, len(orders), 2)
+        across = across.reshape(-1, *waves.shape[1:])
         weighted = (waves * self.squares[:, None, None]).transpose(1, 2, 0)
         gram = weighted @ waves.transpose(1, 0, 2)
         projection = np.tensordot(self.data_by_joint, waves, axes=1)

@@ -469,6 +469,7 @@ class Lines:
     least_angles: int = 50  # different angles of a joint below which no line is sought (statistics)
     most_poses: int = 2000  # poses that say enough of where lines are (computing)
     at_once: int = 100  # numbers of cycles that are computed together (computing)
+    most_multiple: int = 5  # highest multiple of k at which a line that is no sine is tried (size)
     most_rounds: int = 3  # times that lines are sought anew, beside those found (computing)
 
 

@@ -15,7 +15,7 @@ from pa10cal.arm.chain import Chain
 from pa10cal.calibration.general.problem import loaded_joints
 from pa10cal.files.arms import load_arm
 from pa10cal.terms.effects.effect import candidates, every_effect
-from pa10cal.terms.effects.joint import GearRatioError, moved_along
+from pa10cal.terms.effects.joint import GearLine, GearRatioError, moved_along
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
 from pa10cal_lab.cell.effects.effect import JointState
@@ -49,6 +49,22 @@ def test_turns_the_joint_as_the_vocabulary_says(name, of, coordinate, form, at, 
     effect = at(name, of)
     assert effect.coordinates == (coordinate,)
     np.testing.assert_allclose(effect.shift(states, np.array([0.7]))[:, 0], form(states))
+
+
+def test_a_line_of_a_gear_has_waves_at_multiples_of_its_cycles(states):
+    line, q = GearLine("joint 2", 40.0, multiples=(3,)), states.q_rad[:, 1]
+    assert line.formula.split(", k near")[0] == (
+        "theta_2 += A sin(k q_2 + phi) + A_3 sin(3 k q_2 + phi_3)"
+    )
+    x = np.array([3e-4, 4e-4, 1e-4, 0.0, 40.2])
+    expected = 3e-4 * np.sin(40.2 * q) + 4e-4 * np.cos(40.2 * q) + 1e-4 * np.sin(120.6 * q)
+    np.testing.assert_allclose(line.shift(states, x)[:, 0], expected, rtol=1e-12)
+    report = line.report(x)
+    told = {p.name: value for p, value in zip(report.parameters, report.values, strict=True)}
+    assert told == pytest.approx(
+        {"A": 5e-4, "phi": np.arctan2(4.0, 3.0), "A_3": 1e-4, "phi_3": 0.0, "k": 40.2}
+    )
+    assert not line.same_as(GearLine("joint 2", 40.0))
 
 
 def test_the_pitch_of_a_rail_moves_along_it(states):
