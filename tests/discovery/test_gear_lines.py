@@ -169,7 +169,7 @@ def test_blocks_name_a_line_with_its_cycles_and_predict_by_it():
 def test_arms_of_other_kinematics(tmp_path, number):
     arm, joint, turns = drawn(tmp_path / "arm", np.random.default_rng([1, number]), number)
     verdict = verdict_of(tmp_path / "arm")
-    lines = {each.of: each.x[2] for each in verdict.effects if each.id == "gear_line"}
+    lines = {each.of: each.x[-1] for each in verdict.effects if each.id == "gear_line"}
     # of slow waves a map follows, and none is a line
     right = {f"joint {joint}": pytest.approx(turns, abs=0.1)} if turns >= 13.0 else {}
     assert lines == right

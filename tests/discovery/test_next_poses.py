@@ -8,7 +8,7 @@ import pytest
 from calibrated import calibrated
 from mended import write_simulated
 from pa10cal.arm.chain import Chain
-from pa10cal.arm.workspace import PosturePoints
+from pa10cal.arm.workspace import PosturePoints, clearance_m
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.read import read_campaign
 from pa10cal.discovery.evidence.candidates import split_testable
@@ -238,8 +238,8 @@ def test_drawn_configurations_keep_clear_near_the_measured_poses(ratio, monkeypa
     end, low, high = drawn.p_base_end, *(f(measured.p_base_end, axis=0) for f in (np.min, np.max))
     assert np.all((end > low - 0.3) & (end < high + 0.3))
     assert np.ptp(end, axis=0) == pytest.approx(high - low + 0.6, rel=0.1)
-    far = replace(NEXT_POSES, clearance_m=5.0)
-    monkeypatch.setattr("pa10cal.discovery.next_poses.NEXT_POSES", far)
+    nowhere = replace(NEXT_POSES, limit_share=0.5)  # the middle of all ranges alone
+    monkeypatch.setattr("pa10cal.discovery.next_poses.NEXT_POSES", nowhere)
     with pytest.raises(DiscoveryError, match="no configuration"):
         draw_near(ratio.problem, 10, 0)
 
@@ -378,12 +378,34 @@ def test_suggested_poses_take_joints_to_angles_not_seen(nothing_hidden):
     for pose in found:
         new = ~seen.covers(pose.q_rad[None])[0]
         joints = np.flatnonzero(new) + 1
-        assert pose.for_ == tuple(f"angle of joint {j} not seen" for j in joints)
+        away_rad = np.abs(survey.poses.states.q_rad - pose.q_rad).min(axis=0)
+        assert pose.for_ == tuple(
+            f"few poses near the angle of joint {j}"
+            if away_rad[j - 1] < np.radians(5.0)
+            else f"angle of joint {j} not seen"
+            for j in joints
+        )
     joints = [len(pose.for_) for pose in found]
     assert joints == sorted(joints, reverse=True)
     limits = survey.context.arm.limits_rad
     q_rad = np.array([pose.q_rad for pose in found])
     assert np.all((q_rad > limits[:, 0]) & (q_rad < limits[:, 1]))
+
+
+def test_targets_come_as_close_to_links_as_they_were_measured(nothing_hidden):
+    """The target of a short tool, or of a small arm, is never far off them."""
+    survey, place_m = nothing_hidden.survey, np.array([0.0, 0.0, 0.01])
+    at = replace(survey.baseline, targets_m=place_m)
+    found = draw_near(replace(survey, baseline=at), 20, 0)
+    assert len(found) == 20
+
+    def closest_m(q_rad):
+        points = PosturePoints.of(at.model.chain, q_rad, place_m[None])
+        return clearance_m(points).min()
+
+    measured_m = closest_m(survey.poses.states.q_rad)
+    assert measured_m < NEXT_POSES.clearance_m
+    assert closest_m(found) == pytest.approx(measured_m)
 
 
 @pytest.mark.parametrize("count", [0, 3])

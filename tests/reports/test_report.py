@@ -244,7 +244,12 @@ def test_leads_with_what_is_explained_and_by_what(copied, page, word, answer):
 
 def test_says_by_how_much_suggested_poses_would_tell_rivals_apart(copied, page):
     path = with_verdict(copied, "ambiguous") / VerdictRecord.FILE
-    pose = SuggestedPose(q_deg=np.zeros(6), q_rad=np.zeros(6), load_N=0.0, for_=())
+    aims = (
+        "angle of joint 2 not seen",
+        "few poses near the angle of joint 1",
+        "few poses near the angle of joint 3",
+    )
+    pose = SuggestedPose(q_deg=np.zeros(6), q_rad=np.zeros(6), load_N=0.0, for_=aims)
     pair = Separation(
         pair="tool_sag of tool or link_torsion of forearm",
         before_nats=0.2,
@@ -261,7 +266,12 @@ def test_says_by_how_much_suggested_poses_would_tell_rivals_apart(copied, page):
         "2 poses would tell tool sag of tool (0.58 between the two now) from link torsion of "
         "forearm: the likelier of both would come to an expected 0.93."
     )
-    assert page(copied).text.count(said) == 1
+    text = page(copied).text
+    assert text.count(said) == 1
+    assert (
+        "Shows an angle of joint 2 where the fit has seen no pose; "
+        "shows an angle of joints 1 and 3 near which the fit has seen few poses." in text
+    )
 
 
 def test_positions_of_a_joint_that_slides_are_lengths(copied, page):

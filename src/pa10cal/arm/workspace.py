@@ -138,17 +138,18 @@ def keep_out(box: Box) -> Constraint:
     return allows
 
 
-def off_links(clearance_m: float) -> Constraint:
+def off_links(least_m: float) -> Constraint:
     """Targets are further than this from the segments from joint to joint."""
+    return lambda at: clearance_m(at) > least_m
 
-    def allows(at: PosturePoints) -> Mask:
-        clear = np.ones(len(at), dtype=np.bool_)
-        for start, end in pairwise(at.p_base_joints):
-            away = distance_from_line(at.p_base_targets, start[:, None], end[:, None])
-            clear &= away.min(axis=1, initial=np.inf) > clearance_m
-        return clear
 
-    return allows
+def clearance_m(at: PosturePoints) -> Array:
+    """Return the least distance of a target from the segments from joint to joint, (P,)."""
+    nearest = np.full(len(at), np.inf)
+    for start, end in pairwise(at.p_base_joints):
+        away = distance_from_line(at.p_base_targets, start[:, None], end[:, None])
+        nearest = np.minimum(nearest, away.min(axis=1, initial=np.inf))
+    return nearest
 
 
 def in_sight(p_base_instrument: Array, boxes: Sequence[Box]) -> Constraint:

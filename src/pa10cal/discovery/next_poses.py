@@ -26,7 +26,7 @@ from pa10cal.discovery.separation import predicted, separation_criteria
 from pa10cal.discovery.tuning import NEXT_POSES
 from pa10cal.discovery.verdict import Plan
 from pa10cal.errors import DiscoveryError
-from pa10cal.fit.validity import AngleCoverage
+from pa10cal.fit.validity import AngleCoverage, span_visited
 from pa10cal.numerics.pose_sets import Combined, exchange, greedy_order
 from pa10cal.observe.arrivals import end_travel, move_shares
 from pa10cal.results.discovery import Separation, SuggestedPose
@@ -35,6 +35,9 @@ from pa10cal.terms.effects.effect import Effect
 
 #: An effect and what may stand in its place: another, or the model's own parameters alone.
 Pair = tuple[Effect, Effect | None]
+#: Distances that differ by less are equal but for rounding [m]: a target close to the last link is
+#: as close to it in every pose.
+_SAME_M = 1e-9
 #: Nodes and weights of a standard Gaussian, at which expectations are taken.
 _NODES, _WEIGHTS = hermegauss(NEXT_POSES.quadrature)
 _WEIGHTS = _WEIGHTS / _WEIGHTS.sum()
@@ -110,17 +113,19 @@ def draw_near(measured: EvidenceProblem | Survey, count: int, random_seed: int) 
     """
     chain = measured.baseline.model.chain
     targets = targets_m(measured.baseline, measured.setup).reshape(-1, 3)
-    end = workspace.PosturePoints.of(chain, measured.cells.states.q_rad, targets).p_base_end
+    at_poses = workspace.PosturePoints.of(chain, measured.cells.states.q_rad, targets)
+    end = at_poses.p_base_end
     lowest, highest = end.min(axis=0), end.max(axis=0)
     room_m = np.maximum((highest - lowest) / 2.0, NEXT_POSES.box_margin_m)
     off_axis_m = float(np.hypot(end[:, 0], end[:, 1]).min())
+    off_links_m = float(workspace.clearance_m(at_poses).min()) - _SAME_M
     constraints = {
         "near the measured poses": workspace.end_within(
             workspace.Box(lowest - room_m, highest + room_m)
         ),
         "above the floor": workspace.above(min(NEXT_POSES.floor_m, float(lowest[2]))),
         "off the column": workspace.off_column(min(NEXT_POSES.column_m, off_axis_m)),
-        "off the links": workspace.off_links(NEXT_POSES.clearance_m),
+        "off the links": workspace.off_links(min(NEXT_POSES.clearance_m, off_links_m)),
     }
     low, high = chain.arm.axis_limits_rad.T
     margin = NEXT_POSES.limit_share * (high - low)
@@ -330,10 +335,11 @@ def _pool(problem: EvidenceProblem, random_seed: int) -> PoseStates:
 def poses_at_unseen_angles(
     measured: EvidenceProblem | Survey, seen: AngleCoverage, count: int, random_seed: int = 0
 ) -> tuple[SuggestedPose, ...]:
-    """Choose poses that take joints to angles not seen, the one with most such joints first.
+    """Choose poses that take joints to angles seldom or never seen, most such joints first.
 
     They are chosen from a random pool, within limits and near the measured places. An angle once
     chosen counts as seen. None where all angles within reach were seen, or no pose is admissible.
+    An angle between others that were measured is told as one near which there are few poses.
     """
     all_around = (  # prismatic joints do not count
         not turns or (len(stretches) == 1 and np.ptp(stretches[0]) >= 2.0 * np.pi)
@@ -347,13 +353,19 @@ def poses_at_unseen_angles(
         return ()
     unseen = ~seen.covers(q_rad) & np.array(seen.turns)
     cell = np.floor(np.mod(q_rad, 2.0 * np.pi) / (2.0 * ANGLES.within_rad)).astype(np.intp)
+    between = span_visited(measured.cells.states.q_rad).covers(q_rad)
     load_N = float(measured.cells.states.load_N.min())
     arm = measured.baseline.arm
     chosen: list[SuggestedPose] = []
     while len(chosen) < count and unseen.any():
         best = int(np.argmax(unseen.sum(axis=1)))
         joints = np.flatnonzero(unseen[best])
-        purposes = tuple(f"angle of joint {joint + 1} not seen" for joint in joints)
+        purposes = tuple(
+            f"few poses near the angle of joint {joint + 1}"
+            if between[best, joint]
+            else f"angle of joint {joint + 1} not seen"
+            for joint in joints
+        )
         axes_rad = arm.coupling.to_axes(q_rad[best])
         q_deg = np.where(arm.axes_slide, 1e3 * axes_rad, np.degrees(axes_rad))
         chosen.append(SuggestedPose(q_deg=q_deg, q_rad=axes_rad, load_N=load_N, for_=purposes))

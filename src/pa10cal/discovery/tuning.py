@@ -82,7 +82,8 @@ class NextPoses:
     # (safety)
     floor_m: float = 0.15
     column_m: float = 0.25  # and so far off its axis [m] (safety)
-    clearance_m: float = 0.15  # targets stay so far off the line from joint to joint [m] (safety)
+    # and targets so far off the line from joint to joint [m] (safety)
+    clearance_m: float = 0.15
     # log evidence between which what it says is worked out: lowest, highest, count (computing)
     grid_nats: tuple[float, float, int] = (1e-3, 1e3, 240)
     quadrature: int = 100  # nodes over what evidence may come to (computing)

@@ -23,8 +23,11 @@ _MOST_POSES = 10
 _JOINT = "joint "
 #: More joints than this in a row are written as first to last.
 _MOST_LISTED = 2
-#: An aim that several joints of one pose may share.
-_UNSEEN = re.compile(r"angle of joint (\d+) not seen")
+#: Aims that several joints of one pose may share, and how they are told.
+_SHARED = {
+    re.compile(r"angle of joint (\d+) not seen"): "where the fit has seen no pose",
+    re.compile(r"few poses near the angle of joint (\d+)"): "near which the fit has seen few poses",
+}
 
 
 def missing(results: ResultsBundle) -> Iterator[PageBlock]:
@@ -205,20 +208,21 @@ def poses_in_words(poses: PosesNeeded) -> str:
 
 
 def _aim(pose: discovery.SuggestedPose) -> str:
-    """Return in a sentence what a pose is for; joints with an unseen angle are listed together."""
-    unseen_joints, rivals = [], []
-    for aim in pose.for_:
-        if match := _UNSEEN.fullmatch(aim):
-            unseen_joints.append(int(match[1]))
-        else:
-            rivals.append(aim.replace("_", " "))
+    """Return in a sentence what a pose is for; joints with such an angle are listed together."""
+    by_joint = {aim: joints for aim in _SHARED if (joints := _joints_of(aim, pose.for_))}
+    shared = [each for each in pose.for_ if any(aim.fullmatch(each) for aim in _SHARED)]
+    rivals = [each.replace("_", " ") for each in pose.for_ if each not in shared]
     parts = []
     if rivals:
         nats = pose.separation_nats
         by_then = "" if nats is None else f" ({nats:.1f} nats expected up to this pose)"
         parts.append(f"separates {'; '.join(rivals)}{by_then}")
-    if unseen_joints:
-        joints = f"joint{'s' if len(unseen_joints) > 1 else ''}"
-        numbers = listed(map(str, sorted(unseen_joints)))
-        parts.append(f"shows an angle of {joints} {numbers} where the fit has seen no pose")
+    for aim, joints in by_joint.items():
+        of = f"joint{'s' if len(joints) > 1 else ''}"
+        parts.append(f"shows an angle of {of} {listed(map(str, joints))} {_SHARED[aim]}")
     return sentence("; ".join(parts))
+
+
+def _joints_of(aim: re.Pattern[str], aims: Iterable[str]) -> list[int]:
+    """Return the joints that an aim is stated for, in ascending order."""
+    return sorted(int(match[1]) for each in aims if (match := aim.fullmatch(each)))
