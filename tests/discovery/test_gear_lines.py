@@ -14,7 +14,7 @@ from pa10cal.discovery import jacobians
 from pa10cal.discovery.finding import effect_parameters
 from pa10cal.discovery.jacobians import WhitenedPoses
 from pa10cal.discovery.residual_candidates import gear_lines
-from pa10cal.terms.effects.joint import GearLine
+from pa10cal.terms.effects.gear_line import GearLine
 from pa10cal.terms.model import Model
 from pa10cal.terms.wording import parameters_text
 from pa10cal_lab.cell.effects.joint import SimulatedGearLine

@@ -19,8 +19,8 @@ from pa10cal.figures import draw
 from pa10cal.figures.draw import write_drift
 from pa10cal.files.arms import load_arm
 from pa10cal.options import Tolerances
+from pa10cal.terms.effects.gear_line import GearLine
 from pa10cal.terms.effects.joint import (
-    GearLine,
     JointCompliance,
     JointCoupling,
     PeriodicError,

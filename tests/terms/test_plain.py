@@ -15,7 +15,7 @@ from pa10cal.errors import TermError
 from pa10cal.files.arms import arm_names, load_arm
 from pa10cal.options import Tolerances
 from pa10cal.terms.effects.effect import candidates, every_effect
-from pa10cal.terms.effects.joint import GearLine
+from pa10cal.terms.effects.gear_line import GearLine
 from pa10cal.terms.effects.joint_error_map import (
     BandPrior,
     FadingPrior,

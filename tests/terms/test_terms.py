@@ -9,7 +9,7 @@ from made_up_poses import states_of
 from pa10cal.errors import CalibrationError
 from pa10cal.files.arms import load_arm
 from pa10cal.options import Tolerances
-from pa10cal.terms.effects.joint import GearLine
+from pa10cal.terms.effects.gear_line import GearLine
 from pa10cal.terms.joint_spring import (
     JointSpring,
     baseline,

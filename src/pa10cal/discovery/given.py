@@ -69,7 +69,7 @@ from pa10cal.terms.effects.effect import (
     everywhere_but,
     is_effect,
 )
-from pa10cal.terms.effects.joint import GearLine
+from pa10cal.terms.effects.gear_line import GearLine
 from pa10cal.terms.term import Report, Role
 from pa10cal.terms.wording import parameters_text
 

@@ -35,7 +35,7 @@ from pa10cal.observe.observations import Observations
 from pa10cal.observe.time_order import may_show_changes, spread_over_time
 from pa10cal.rules import ORDER
 from pa10cal.terms.effects.effect import CandidateContext, Effect, every_effect, static_loads_in
-from pa10cal.terms.effects.joint import GearLine
+from pa10cal.terms.effects.gear_line import GearLine
 from pa10cal.terms.effects.joint_error_map import is_error_map
 from pa10cal.terms.effects.structure import AxisWobble, LateralCompliance
 from pa10cal.terms.effects.warm_up import WarmsUp, warm_ups

@@ -57,7 +57,7 @@ from pa10cal.discovery.target_wander import target_wander
 from pa10cal.observe.points import keep_their_distances
 from pa10cal.results.discovery import Tried
 from pa10cal.terms.effects.effect import Effect, is_effect
-from pa10cal.terms.effects.joint import GearLine
+from pa10cal.terms.effects.gear_line import GearLine
 from pa10cal.terms.effects.joint_error_map import is_error_map
 from pa10cal.terms.effects.structure import AxisWobble
 

@@ -25,7 +25,7 @@ from pa10cal.discovery.rules import EVIDENCE, LINES, MAPS
 from pa10cal.discovery.tuning import COMPUTING
 from pa10cal.numerics.covariances import whitener_of
 from pa10cal.terms.effects.effect import Effect
-from pa10cal.terms.effects.joint import GearLine, is_gear_line
+from pa10cal.terms.effects.gear_line import GearLine, is_gear_line
 from pa10cal.terms.effects.joint_error_map import FadingPrior, is_error_map
 from pa10cal.terms.effects.structure import AxisWobble
 from pa10cal.terms.model import DerivativeCache
