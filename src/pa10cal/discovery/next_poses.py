@@ -35,9 +35,6 @@ from pa10cal.terms.effects.effect import Effect
 
 #: An effect and what may stand in its place: another, or the model's own parameters alone.
 Pair = tuple[Effect, Effect | None]
-#: Distances that differ by less are equal but for rounding [m]: a target close to the last link is
-#: as close to it in every pose.
-_SAME_M = 1e-9
 #: Nodes and weights of a standard Gaussian, at which expectations are taken.
 _NODES, _WEIGHTS = hermegauss(NEXT_POSES.quadrature)
 _WEIGHTS = _WEIGHTS / _WEIGHTS.sum()
@@ -118,7 +115,7 @@ def draw_near(measured: EvidenceProblem | Survey, count: int, random_seed: int) 
     lowest, highest = end.min(axis=0), end.max(axis=0)
     room_m = np.maximum((highest - lowest) / 2.0, NEXT_POSES.box_margin_m)
     off_axis_m = float(np.hypot(end[:, 0], end[:, 1]).min())
-    off_links_m = float(workspace.clearance_m(at_poses).min()) - _SAME_M
+    off_links_m = float(workspace.clearance_m(at_poses).min()) - NEXT_POSES.same_m
     constraints = {
         "near the measured poses": workspace.end_within(
             workspace.Box(lowest - room_m, highest + room_m)

@@ -84,6 +84,9 @@ class NextPoses:
     column_m: float = 0.25  # and so far off its axis [m] (safety)
     # and targets so far off the line from joint to joint [m] (safety)
     clearance_m: float = 0.15
+    # distances that differ by less are equal but for rounding, as of a target close to the last
+    # link in every pose [m] (computing)
+    same_m: float = 1e-9
     # log evidence between which what it says is worked out: lowest, highest, count (computing)
     grid_nats: tuple[float, float, int] = (1e-3, 1e3, 240)
     quadrature: int = 100  # nodes over what evidence may come to (computing)
