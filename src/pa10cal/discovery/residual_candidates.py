@@ -290,7 +290,8 @@ class _Periodogram:
         """
         if order < LINES.orders[0]:  # in the place of a map, which follows such multiples
             return order, ()
-        half = (0.5,) if 0.5 * order >= LINES.orders[0] else ()
+        halved = 0.5 * order
+        half = (0.5,) if halved >= LINES.orders[0] else ()
         tried = (*half, *range(2, LINES.most_multiple + 1))
         needed = float(np.log(len(tried) / error_rate))
         waves = [1.0]
