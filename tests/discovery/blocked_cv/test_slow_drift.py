@@ -172,18 +172,23 @@ def test_a_steady_drift_stands_for_a_slow_one_where_it_predicts_no_worse(
     nothing_hidden, squares, names
 ):
     survey = nothing_hidden.discovery.scorer.survey
-    steady = steady_courses(survey, SquaresOf(squares), ())
+    steady = steady_courses(survey, SquaresOf(squares), (), moves=False)
     assert [each.id for each in steady] == names
-    again = steady_courses(survey, SquaresOf(squares), steady)  # a drift may be larger than found
+    # A drift may be larger than found.
+    again = steady_courses(survey, SquaresOf(squares), steady, moves=False)
     assert [each.id for each in again] == [name for name in names if name == "base_drift"]
 
 
-def test_a_steady_drift_that_was_found_need_not_help_again(nothing_hidden):
+def test_a_steady_drift_that_was_found_need_not_help_again_where_a_motion_takes_it_up(
+    nothing_hidden,
+):
     survey = nothing_hidden.discovery.scorer.survey
     drift = BaseDrift("base", float(survey.poses.states.time_s.min()))
-    assert [each.id for each in steady_courses(survey, SquaresOf({}), (drift,))] == ["base_drift"]
+    (steady,) = steady_courses(survey, SquaresOf({}), (drift,), moves=True)
+    assert steady.id == "base_drift"
+    assert steady_courses(survey, SquaresOf({}), (drift,), moves=False) == ()
     worse = SquaresOf({("base_drift", True): 1.0})  # with waves it is better
-    assert steady_courses(survey, worse, (drift,)) == ()
+    assert steady_courses(survey, worse, (drift,), moves=True) == ()
 
 
 @pytest.mark.parametrize(("hours", "plausible_m_h"), [(0.1, 1e-3), (10.0, 3e-5)])

@@ -215,13 +215,15 @@ def slow_drift(
 
 
 def steady_courses(
-    survey: Survey, check: InterleavedCheck, found: Sequence[Effect]
+    survey: Survey, check: InterleavedCheck, found: Sequence[Effect], *, moves: bool
 ) -> tuple[Effect, ...]:
     """Return effects in proportion to time or temperature that predict no worse than a slow drift.
 
     The best first, each helping beyond the effects found; none where growth or warming up was. A
-    steady drift that was found need not help again. A stretch of time that is left out may be the
-    one in which the temperature rose: poses outside it do not tell how much the arm grew.
+    stretch of time that is left out may be the one in which the temperature rose: poses outside it
+    do not tell how much the arm grew. A steady drift that was found need not help again where
+    readings show another motion (`moves`), which takes it up. Else it stands as it was found: left
+    out stretches of time tell it from smooth functions of time, which interleaved blocks do not.
     """
     of_time = [each for each in found if each.depends_on and each.id != BaseDrift.id]
     if not _may_show_drift(survey) or of_time:
@@ -243,7 +245,7 @@ def steady_courses(
         each
         for each in sorted((drift, *growth), key=left)
         if left(each) <= most
-        and ((was_found and each is drift) or check.gains_a_share(without, squares[each]))
+        and ((moves and was_found and each is drift) or check.gains_a_share(without, squares[each]))
     )
 
 

@@ -305,7 +305,8 @@ def _with_steady_course(searched: SearchOutcome, found: SearchWithMotion) -> Sea
     if at_once or of_targets is not None:
         return found
     survey, fitted = searched.rows.survey, searched.extended
-    for effect in steady_courses(searched.survey, searched.interleaved_check, fitted.effects):
+    check, moves = searched.interleaved_check, found.outcome is not searched
+    for effect in steady_courses(searched.survey, check, fitted.effects, moves=moves):
         ahead = search_survey(survey.settling((effect,)))
         if effect in ahead.extended.effects:
             with_effect = _with_motion_shown(ahead)
