@@ -240,8 +240,9 @@ def test_benches_take_turns_and_singles_go_through_the_vocabulary():
     nulls = draw_trials("null", 2 * len(BENCHES), 4, "tracked")
     assert Counter(trial.bench for trial in nulls) == dict.fromkeys(BENCHES, 2)
     singles = draw_trials("single", 6 * len(vocabulary()), 4, "tracked")
-    # A tracker has one scale, not three.
-    names = [*({*vocabulary()} - {"cmm_scale"}), "scale"]
+    # A tracker has one scale, not three, and reads along beams, not along axes that are not square.
+    of_machines = {"cmm_scale", "cmm_squareness"}
+    names = [*({*vocabulary()} - of_machines), "scale", "range_constant"]
     assert Counter(hidden(trial)[0][0] for trial in singles) == dict.fromkeys(names, 6)
     by_bench = Counter(t.bench for t in singles if hidden(t)[0][0] == "backlash")
     assert by_bench == dict.fromkeys(BENCHES, 1)
