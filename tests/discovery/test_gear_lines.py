@@ -13,8 +13,9 @@ from pa10cal.arm.chain import Chain
 from pa10cal.discovery import jacobians
 from pa10cal.discovery.finding import effect_parameters
 from pa10cal.discovery.jacobians import WhitenedPoses
-from pa10cal.discovery.residual_candidates import gear_lines
+from pa10cal.discovery.residual_candidates import gear_lines, stroke_waves
 from pa10cal.terms.effects.gear_line import GearLine
+from pa10cal.terms.effects.slide import SlideError
 from pa10cal.terms.model import Model
 from pa10cal.terms.wording import parameters_text
 from pa10cal_lab.cell.effects.joint import SimulatedGearLine
@@ -174,3 +175,48 @@ def test_arms_of_other_kinematics(tmp_path, number):
     right = {f"joint {joint}": pytest.approx(turns, abs=0.1)} if turns >= 13.0 else {}
     assert lines == right
     assert joint == 0 or arm.rms_mm > 0.0
+
+
+# Waves along the stroke of a joint that slides, which have no name.
+
+
+@pytest.fixture(scope="module")
+def on_rail(given):
+    """The same poses of an arm whose first joint slides, by as many metres as it turned."""
+    arm = replace(ARM, prismatic=np.arange(ARM.n) == 0)
+    chain = Chain.of(arm, bends=given.baseline.model.chain.bends)
+    at = replace(given.baseline, model=Model(chain, given.baseline.model.terms))
+    return at, replace(given.survey.context, arm=arm), given.readings
+
+
+def waves(at, context, poses, left):
+    whiten = np.tile(np.eye(left.shape[1]) / NOISE, (len(poses), 1, 1))
+    return stroke_waves(WhitenedPoses(at, poses, left, whiten), context, RATE)
+
+
+def bumps(at, context, poses, length_m, size, seed=0):
+    """What a model leaves where a carriage rises and pitches by its supports."""
+    (slide,) = SlideError.everywhere(context)
+    moves = jacobians.by_coordinates(at.bending_as([slide]), poses, slide.coordinates)
+    phase = 2.0 * np.pi / length_m * poses.states.q_rad[:, 0]
+    along = np.stack([np.zeros_like(phase), np.cos(phase), np.zeros_like(phase)], axis=1)
+    motion = size * np.concatenate([along, 0.3 * np.roll(along, 1, axis=1)], axis=1)
+    noise = np.random.default_rng(seed).normal(0.0, NOISE, moves.shape[:2])
+    return noise - np.einsum("pbc,pc->pb", moves, motion)
+
+
+@pytest.mark.parametrize("length_m", [0.06, 0.5])
+def test_waves_along_a_stroke_are_told_with_their_length(on_rail, length_m):
+    at, context, poses = on_rail
+    (wave,) = waves(at, context, poses, bumps(at, context, poses, length_m, 1e-4))
+    assert (wave.of, wave.length_m) == ("joint 1", pytest.approx(length_m, rel=0.01))
+
+
+def test_there_is_none_in_noise_nor_where_a_slide_stood_at_a_few_places(on_rail):
+    at, context, poses = on_rail
+    for seed in range(5):
+        assert waves(at, context, poses, bumps(at, context, poses, 0.5, 0.0, seed)) == ()
+    q = poses.states.q_rad.copy()
+    q[:, 0] = 0.6 * np.round(q[:, 0] / 0.6)
+    few = replace(poses, states=replace(poses.states, q_rad=q))
+    assert waves(at, context, few, bumps(at, context, few, 0.5, 3e-4)) == ()

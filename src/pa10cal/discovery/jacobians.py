@@ -159,6 +159,13 @@ def by_joints(at: FittedModel, poses: Observations, joints: Sequence[int]) -> Ar
     return by_terms(at, poses, [joint_positions(at, joints)], [np.zeros(len(joints))])[0]
 
 
+def by_coordinates(at: FittedModel, poses: Observations, coordinates: Sequence[str]) -> Array:
+    """Return the derivative of the residual by c chain coordinates: (P, b, c)."""
+    names = tuple(coordinates)
+    offsets = Offsets(tuple(TermParameter(name, "", 1.0) for name in names), names)
+    return by_terms(at, poses, [offsets], [np.zeros(len(names))])[0]
+
+
 def joint_positions(at: FittedModel, joints: Sequence[int]) -> Offsets:
     """Return errors of the positions of joints, from 1, as a term."""
     chain = at.model.chain

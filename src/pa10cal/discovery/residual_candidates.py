@@ -12,6 +12,7 @@ from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -37,6 +38,7 @@ from pa10cal.rules import ORDER
 from pa10cal.terms.effects.effect import CandidateContext, Effect, every_effect, static_loads_in
 from pa10cal.terms.effects.gear_line import GearLine
 from pa10cal.terms.effects.joint_error_map import is_error_map
+from pa10cal.terms.effects.slide import DEGREES, SlideError
 from pa10cal.terms.effects.structure import AxisWobble, LateralCompliance
 from pa10cal.terms.effects.warm_up import WarmsUp, warm_ups
 from pa10cal.terms.forms.catalogue import all_around
@@ -336,6 +338,65 @@ def _lowest_order(q_rad: Array, *, in_maps: bool) -> float:
         return LINES.orders[0]
     of_range = LINES.least_cycles * 2.0 * np.pi / float(np.ptp(q_rad))
     return min(max(LINES.lowest_in_map, of_range), LINES.orders[0])
+
+
+# Waves along strokes: supports of a rail, teeth of a rack or turns of a screw err as often as they
+# come along it. Polynomials of the stroke follow no such wave, and no effect has it as its form:
+# where nothing predicts what is left, it is told where the waves are and how long.
+
+
+class StrokeWave(NamedTuple):
+    """A wave of what a model leaves, along the stroke of a joint that slides."""
+
+    of: str  # the joint
+    length_m: float
+
+
+def stroke_waves(
+    rows: WhitenedPoses, context: CandidateContext, error_rate: float
+) -> tuple[StrokeWave, ...]:
+    """Return the wave of each slide along whose stroke the residual of a model has one.
+
+    It may be of any of the six small motions of the carriage; the one that shows it best counts.
+    None where two lengths fit equally well, as where a joint stood at places in even steps.
+
+    Args:
+        rows: the poses about the model.
+        context: what decides which joints slide.
+        error_rate: probability allowed of finding a wave where there is none.
+    """
+    rows = rows.at_most(LINES.most_poses)
+    slides = [
+        slide
+        for slide in SlideError.everywhere(context)
+        if _angles(rows.poses, slide.joint) >= LINES.least_angles
+    ]
+    if not slides:
+        return ()
+    rows = replace(rows, at=rows.at.bending_as(slides))
+    rivals, spectra = _Rivals.of(rows), {}
+    for slide in slides:
+        q_m = rows.poses.states.q_rad[:, slide.joint - 1]
+        # Polynomials follow at most half as many waves as their degree.
+        lowest = np.pi * DEGREES / float(np.ptp(q_m))
+        moves = rows.whitener @ jacobians.by_coordinates(rows.at, rows.poses, slide.coordinates)
+        spectra[slide.of] = [
+            _Periodogram.of(rivals, move, q_m, lowest) for move in np.moveaxis(moves, 2, 0)
+        ]
+    tried = sum(len(each.orders) for of_slide in spectra.values() for each in of_slide)
+    needed = float(np.log(max(tried, 1) / error_rate))
+    return tuple(
+        StrokeWave(of, 2.0 * np.pi / order)
+        for of, of_slide in spectra.items()
+        if (order := _strongest_line(of_slide, needed)) is not None
+    )
+
+
+def _strongest_line(spectra: Sequence[_Periodogram], needed: float) -> float | None:
+    """Return the order of the line that gains most in several spectra of one joint, if any does."""
+    lines = [(each, order) for each in spectra if (order := each.line(needed)) is not None]
+    gains = [float(each.gains(np.array([order]))[0]) for each, order in lines]
+    return lines[int(np.argmax(gains))][1] if lines else None
 
 
 # Axes that wobble as their joints turn. A bearing that is softer about one axis than about another

@@ -26,11 +26,16 @@ from pa10cal.discovery.blocked_cv.other_baselines import (
     with_tilts_shown,
     without_spring,
 )
-from pa10cal.discovery.blocked_cv.outcome import SearchWithMotion, search_with_motion
+from pa10cal.discovery.blocked_cv.outcome import (
+    SearchOutcome,
+    SearchWithMotion,
+    search_with_motion,
+)
 from pa10cal.discovery.blocked_cv.refit import PartialFits, Refit, refit, squares_left
 from pa10cal.discovery.blocked_cv.survey import Survey
 from pa10cal.discovery.finding import Finding
 from pa10cal.discovery.gap import PairedErrors, errors_of, gap
+from pa10cal.discovery.jacobians import WhitenedPoses
 from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit
 from pa10cal.discovery.next_poses import poses_at_unseen_angles, separating_poses, unresolved_pairs
 from pa10cal.discovery.noise import Noise
@@ -39,6 +44,7 @@ from pa10cal.discovery.pose_scatter import AS_FOUND, PoseDeviations, scatter_of,
 from pa10cal.discovery.position_errors import mean_noise_error_mm
 from pa10cal.discovery.preparation import Prepared, complete
 from pa10cal.discovery.refitted_verdict import with_findings
+from pa10cal.discovery.residual_candidates import stroke_waves
 from pa10cal.discovery.rules import BLOCKS, NAMES, PROBABILITIES
 from pa10cal.discovery.separation import without_repeats
 from pa10cal.discovery.short_forms import FormComparison
@@ -53,7 +59,7 @@ from pa10cal.fit.validity import AngleCoverage, angles_seen
 from pa10cal.observe.observations import Observations
 from pa10cal.results.analysis import LackOfFit
 from pa10cal.results.calibration import EffectByCampaign, InputFinding
-from pa10cal.results.discovery import Needed, Remaining, SearchByBlocks
+from pa10cal.results.discovery import Needed, Remaining, SearchByBlocks, Unexplained
 from pa10cal.results.maps import JointWitness, PoseScatter
 from pa10cal.results.number_text import HALF_WIDTH_95
 from pa10cal.terms.effects.effect import Effect
@@ -428,6 +434,30 @@ def _searched(campaign: Prepared, survey: Survey) -> Verdict[ByBlocks]:
     return with_causes(_without_motion_for_arm(_with_rivals(verdict, nameless)))
 
 
+def _with_stroke_waves(
+    unexplained: Sequence[Unexplained], found: SearchOutcome
+) -> Sequence[Unexplained]:
+    """Return what is unexplained, at slides along which it shows in waves if no place is known."""
+    if [each.of for each in unexplained] != [None]:
+        return unexplained
+    survey, fitted = found.survey, found.extended
+    residual = survey.net_residual(fitted.at)
+    rows = WhitenedPoses(fitted.at, survey.poses, residual, fitted.weights.whiteners())
+    waves = stroke_waves(rows, survey.context, survey.setup.options.error_rate)
+    (left,) = unexplained
+    return [
+        left.model_copy(
+            update={
+                "of": wave.of,
+                "why": f"{left.why}; along {wave.of} it repeats every {1e3 * wave.length_m:.3g} "
+                "mm, as supports of a rail, teeth of a rack or turns of a screw do, and no effect "
+                "that is sought has that form",
+            }
+        )
+        for wave in waves
+    ] or unexplained
+
+
 def _verdict(campaign: Prepared, searched: SearchWithMotion) -> Verdict[ByBlocks]:
     """Return the verdict of a search, maps without their causes."""
     found = searched.outcome
@@ -466,8 +496,11 @@ def _verdict(campaign: Prepared, searched: SearchWithMotion) -> Verdict[ByBlocks
         candidates=found.candidates,
         findings=findings,
         unexplained=(
-            *judge.unexplained(
-                remaining, found.nameless, {effect.of for effect in extended.effects}
+            *_with_stroke_waves(
+                judge.unexplained(
+                    remaining, found.nameless, {effect.of for effect in extended.effects}
+                ),
+                found,
             ),
             *motion_unexplained(searched.in_time, survey.wander, floor_mm),
             *of_lag,

@@ -27,7 +27,7 @@ from pa10cal.terms.term import OPTIONAL, Report, TermParameter
 _SIZE = 2e-4
 #: Degrees of the polynomials of the stroke: of the turn that goes with a third half wave of a rail
 #: two leave 0.79, four 0.20, six 0.02.
-_DEGREES = 6
+DEGREES = 6
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,7 @@ class SlideError(AtSlide):
         shifts = "along" if self.also_along else "across the stroke"
         return (
             f"the {what} shifts {shifts} and turns about its axes by sums of Legendre polynomials "
-            f"of u, from degree 1 to {_DEGREES}, u from -1 at {low_m:g} m to 1 at {high_m:g} m of "
+            f"of u, from degree 1 to {DEGREES}, u from -1 at {low_m:g} m to 1 at {high_m:g} m of "
             f"joint {self.joint}; shifts and turns are root mean squares over u"
         )
 
@@ -166,8 +166,8 @@ class SlideError(AtSlide):
         shifts = [name for name in self._directions if not name.startswith("r")]
         return (
             *((("s", 1),) if self.also_along else ()),
-            *((name, degree) for degree in range(2, _DEGREES + 1) for name in shifts),
-            *((name, degree) for degree in range(1, _DEGREES + 1) for name in ("rx", "ry", "rz")),
+            *((name, degree) for degree in range(2, DEGREES + 1) for name in shifts),
+            *((name, degree) for degree in range(1, DEGREES + 1) for name in ("rx", "ry", "rz")),
         )
 
     @property
@@ -206,7 +206,7 @@ class SlidePositioning(AtSlide):
     def formula(self) -> str:
         low_m, high_m = self.span_m
         return (
-            f"d_{self.joint} += a sum of Legendre polynomials of u, from degree 2 to {_DEGREES}, "
+            f"d_{self.joint} += a sum of Legendre polynomials of u, from degree 2 to {DEGREES}, "
             f"u from -1 at {low_m:g} m to 1 at {high_m:g} m of joint {self.joint}; the shift is a "
             "root mean square over u"
         )
@@ -216,12 +216,12 @@ class SlidePositioning(AtSlide):
         """Return the coefficients, of which `report` makes a root mean square over the stroke."""
         return tuple(
             TermParameter(f"s_{degree}", "m", 3e-6, plausible=_SIZE / degree)
-            for degree in range(2, _DEGREES + 1)
+            for degree in range(2, DEGREES + 1)
         )
 
     def report(self, x: Array) -> Report:
         """Return the root mean square of the shift over the stroke."""
-        values, slope = _rms_over_stroke(x[None], np.arange(2, _DEGREES + 1))
+        values, slope = _rms_over_stroke(x[None], np.arange(2, DEGREES + 1))
         return Report((TermParameter("shift", "m", 3e-6),), values, slope)
 
     @property
@@ -351,7 +351,7 @@ class SlideScale(Effect):
 
 def _legendre(u: Array) -> Array:
     """Return Legendre polynomials of degree 0 and more, (P, degrees), at u (P,)."""
-    return np.asarray(np.polynomial.legendre.legvander(u, _DEGREES))
+    return np.asarray(np.polynomial.legendre.legvander(u, DEGREES))
 
 
 def _rms_over_stroke(parts: Array, degrees: Index) -> tuple[Array, Array]:
