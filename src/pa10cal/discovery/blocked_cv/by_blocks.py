@@ -449,8 +449,8 @@ def _with_stroke_waves(
         left.model_copy(
             update={
                 "of": wave.of,
-                "why": f"{left.why}; along {wave.of} it repeats every {1e3 * wave.length_m:.3g} "
-                "mm, as supports of a rail, teeth of a rack or turns of a screw do, and no effect "
+                "why": f"{left.why}; along {wave.of} waves of {1e3 * wave.length_m:.3g} mm stand "
+                "out, as of supports of a rail, teeth of a rack or turns of a screw, and no effect "
                 "that is sought has that form",
             }
         )
