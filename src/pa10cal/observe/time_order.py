@@ -162,8 +162,9 @@ def with_place_labels(every: Observations) -> Observations:
         moves = np.abs(np.diff(q[np.argsort(every.states.time_s[first], kind="stable")], axis=0))
         if np.median(moves.max(axis=1)) <= ORDER.one_place:
             return every  # the robot stood still, and did not come back
-    place = np.full(len(first), -1)
-    for row in range(len(first)):
+    near_counts = tree.query_ball_point(q, ORDER.one_place, p=np.inf, return_length=True)
+    place = np.where(near_counts == 1, np.arange(len(first)), -1)
+    for row in np.flatnonzero(near_counts > 1):
         if place[row] < 0:
             near = np.asarray(tree.query_ball_point(q[row], ORDER.one_place, p=np.inf))
             place[near[place[near] < 0]] = row

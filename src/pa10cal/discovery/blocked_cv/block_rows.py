@@ -366,11 +366,19 @@ class BlockedRows:
         """
         design, points = self.design(block), x.shape[1]
         harmonics = x[self.dense_count :].reshape(len(self.joints), self.knots - 1, points)
-        maps = design.maps([self.knots] * len(self.joints)) @ (
-            (self.basis @ harmonics).reshape(-1, points)
-        )
-        white = design.data[:, None] - design.dense @ x[: self.dense_count] - maps
+        coefficients = (self.basis @ harmonics).reshape(-1, points)
+        if self._are_kept(len(self._precision)):
+            own = np.repeat(self.survey.block == block, design.by_angle.shape[1])
+            maps = self._every_map[own]
+        else:
+            maps = design.maps([self.knots] * len(self.joints))
+        white = design.data[:, None] - design.dense @ x[: self.dense_count] - maps @ coefficients
         return self.unwhitened(block, white)
+
+    @cached_property
+    def _every_map(self) -> csr_array:
+        """Return the columns of the B-splines of all maps, of all poses."""
+        return self._every.maps([self.knots] * len(self.joints))
 
     def unwhitened(self, block: int, white: Array) -> Array:
         """Return whitened rows (b p, m) of a block as its components, (p, b, m)."""
