@@ -307,6 +307,26 @@ class Angles:
 
 
 @dataclass(frozen=True)
+class Levels:
+    """Joints that stood at few positions only."""
+
+    # positions further apart than this part of a joint's range are of different levels (chosen)
+    gap_share: float = 0.02
+    width_share: float = 0.1  # part of the range that levels together cover at most (chosen)
+    least: int = 3  # levels of which one between others can be held out (statistics)
+    poses: int = 4  # poses a level, in the mean, below which positions are scattered (statistics)
+    # part of the gap between levels from which on nothing is known of what has no shape: lines of
+    # gears repeat within far less (size)
+    reach_share: float = 0.1
+    # odds of an effect of a position against any other function that has its values at the levels,
+    # before held-out levels are looked at (level)
+    odds: float = 1.0
+    sure_odds: float = 19.0  # odds from which on it is surely there (level)
+    # between levels an effect and the function in its place differ by both (statistics)
+    of_both: float = 2.0
+
+
+@dataclass(frozen=True)
 class Commands:
     """When a commanded pose is reached."""
 
@@ -531,6 +551,7 @@ SCATTER = Scatter()
 PARAMETERS = Parameters()
 LACK = Lack()
 ANGLES = Angles()
+LEVELS = Levels()
 COMMANDS = Commands()
 LISTS = Lists()
 MASSES = Masses()
@@ -549,6 +570,7 @@ SECTIONS = {
     "parameters": PARAMETERS,
     "lack": LACK,
     "angles": ANGLES,
+    "levels": LEVELS,
     "commands": COMMANDS,
     "lists": LISTS,
     "masses": MASSES,

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pa10cal.discovery import verdict
+from pa10cal.discovery import probabilities
 from pa10cal.discovery.finding import Explanations, Finding, Rival, line_of
 from pa10cal.discovery.proof import UnknownCause
 from pa10cal.discovery.refitted_verdict import fitted_instead
@@ -18,7 +18,13 @@ from pa10cal.discovery.rules import PROBABILITIES
 from pa10cal.results.record import EffectName
 from pa10cal.terms.effects.arrivals import AlongMove
 from pa10cal.terms.effects.generic import DirectionMap
-from pa10cal.terms.effects.joint import Backlash, GearRatioError
+from pa10cal.terms.effects.joint import (
+    Backlash,
+    EncoderEccentricity,
+    EncoderEllipticity,
+    GearRatioError,
+)
+from pa10cal.terms.effects.joint_error_map import JointErrorMap
 from pa10cal.terms.effects.over_time import BaseDrift
 
 SURE = 1.0 - PROBABILITIES.unknown
@@ -238,11 +244,12 @@ def test_another_form_of_the_effect_stays_no_rival_after_an_exchange():
 
 def test_an_effect_that_is_larger_than_such_effects_are_is_in_doubt(monkeypatch, wave):
     (finding,) = wave.discovery.findings
-    assert 0.3 < verdict._plausible_sizes(wave.discovery, finding.effect) < 1.0
+    assert 0.3 < probabilities._plausible_sizes(wave.discovery, finding.effect) < 1.0
     unknown = []
     for size in (0.5, 2.0, 4.0, 8.0):
-        monkeypatch.setattr(verdict, "_plausible_sizes", lambda *_, size=size: size)
-        unknown.append(verdict.with_unknown_cause(wave.discovery, finding).unknown_probability)
+        monkeypatch.setattr(probabilities, "_plausible_sizes", lambda *_, size=size: size)
+        doubted = probabilities.with_unknown_cause(wave.discovery, finding)
+        unknown.append(doubted.unknown_probability)
     assert unknown[0] == unknown[1] == pytest.approx(PROBABILITIES.unknown)
     odds = [each / (1.0 - each) for each in unknown]
     assert np.divide(odds, odds[0]) == pytest.approx([1.0, 1.0, 8.0, 64.0])
@@ -259,12 +266,39 @@ def test_of_touches_a_log_of_another_instant_may_be_a_machine_that_reads_by_the_
     proof = SimpleNamespace(unknown_cause=None)
     along = replace(finding(), effect=AlongMove("arm", (1, 2, 3)), proof=proof)
     backlash = replace(finding(), proof=proof)
-    doubted = verdict.with_unknown_cause(found, along).probability
+    doubted = probabilities.with_unknown_cause(found, along).probability
     assert doubted == pytest.approx(1.0 - PROBABILITIES.machine_reverses)
     assert doubted < PROBABILITIES.surely
-    assert verdict.with_unknown_cause(found, backlash).probability == pytest.approx(SURE)
+    assert probabilities.with_unknown_cause(found, backlash).probability == pytest.approx(SURE)
     measured.from_touches = False
-    assert verdict.with_unknown_cause(found, along).probability == pytest.approx(SURE)
+    assert probabilities.with_unknown_cause(found, along).probability == pytest.approx(SURE)
+
+
+@pytest.mark.parametrize(
+    ("others", "least", "most"),
+    [
+        ((EncoderEllipticity("joint 1", 2.0),), 0.0, 0.02),  # one sensor
+        ((GearRatioError("joint 2"),), 0.0, 0.02),
+        ((GEAR,), 0.5, 0.5),
+        ((GEAR, EncoderEllipticity("joint 1", 2.0)), 0.5, 0.5),
+        ((GEAR, JointErrorMap("joint 1")), 0.9, 1.0),
+    ],
+)
+def test_errors_of_several_parts_of_one_joint_may_be_one_curve(others, least, most):
+    proof = SimpleNamespace(unknown_cause=None)
+    effects = (EncoderEccentricity("joint 1", 1.0), *others)
+    findings = tuple(replace(finding(), effect=each, proof=proof) for each in effects)
+    found = SimpleNamespace(
+        findings=findings,
+        unexplained=(),
+        over_noise=False,
+        prepared=SimpleNamespace(
+            readings=SimpleNamespace(measured=SimpleNamespace(from_touches=False))
+        ),
+        scorer=SimpleNamespace(extended=SimpleNamespace(effects=())),
+    )
+    told = probabilities.with_unknown_cause(found, findings[0]).explanations
+    assert least - 1e-9 <= told.none_of_these <= most + 1e-9
 
 
 def test_a_line_says_what_else_may_be_there():

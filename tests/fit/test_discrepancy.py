@@ -8,10 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mended import write_simulated
-from pa10cal.fit.discrepancy import RowsAboutFit, discrepancy_of
+from pa10cal.fit.discrepancy import discrepancy_of
 from pa10cal.fit.model_reading import load_model, model_from_plain
 from pa10cal.fit.model_writing import model_to_plain, save_model
 from pa10cal.fit.repeatability import repeatability_mm
+from pa10cal.fit.rows_about_fit import RowsAboutFit
 from pa10cal.fit.validity import Discrepancy
 from pa10cal.interface import calibrate, read_campaign
 from pa10cal.numerics.gaussian import Gaussian

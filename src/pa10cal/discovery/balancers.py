@@ -13,9 +13,10 @@ from scipy.special import logsumexp
 
 from pa10cal.discovery.finding import Finding, Rival
 from pa10cal.discovery.no_harm import worse_than
+from pa10cal.discovery.probabilities import with_unknown_cause
 from pa10cal.discovery.refitted_verdict import fitted_instead, instead, with_findings
 from pa10cal.discovery.rules import EVIDENCE, NAMES, PROBABILITIES
-from pa10cal.discovery.verdict import Scorer, Verdict, with_unknown_cause
+from pa10cal.discovery.verdict import Scorer, Verdict
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint import EncoderEccentricity, EncoderEllipticity, GearRatioError

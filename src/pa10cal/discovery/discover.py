@@ -36,6 +36,7 @@ from pa10cal.discovery.near_poses import noise_of_near_poses
 from pa10cal.discovery.no_harm import limits, only_within, worse_than
 from pa10cal.discovery.position_errors import mean_noise_error_mm
 from pa10cal.discovery.preparation import MeasurementSetup, Prepared, complete, context_of, prepared
+from pa10cal.discovery.probabilities import with_levels_held_out, with_likely_alternatives
 from pa10cal.discovery.proposals import with_lines_named, with_proposals
 from pa10cal.discovery.refitted_verdict import without_names
 from pa10cal.discovery.repeats import enough_repeats, repeated
@@ -53,7 +54,6 @@ from pa10cal.discovery.verdict import (
     Scorer,
     Verdict,
     is_sought,
-    with_likely_alternatives,
 )
 from pa10cal.errors import CalibrationError, DiscoveryError
 from pa10cal.fit.fitted_model import FittedModel
@@ -99,6 +99,7 @@ def discover(
     campaign = _without_joint_steps(campaign, every, model, faults)
     found = _without_influential_poses(_judged(campaign, model), model)
     if is_sought(found):
+        found = with_levels_held_out(found)
         found = with_lines_named(with_proposals(_likelier(found, gated(found))))
         found = _with_campaigns_compared(found)
     found = with_likely_alternatives(with_predicted(with_compliance(found)))
@@ -204,7 +205,7 @@ def _likelier(found: Verdict[S], passed: Verdict[S]) -> Verdict[S]:
     """
     candidate = found.scorer.likelier(found) if found.weights_assumed else None
     if candidate is not None:
-        likelier = gated(candidate)
+        likelier = gated(with_levels_held_out(candidate))
         falls_back = likelier.falls_back is not None and passed.falls_back is None
         if not (falls_back or likelier.verdict == "check_the_log"):
             return likelier

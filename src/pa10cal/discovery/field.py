@@ -22,9 +22,10 @@ from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index
 from pa10cal.discovery.nameless import AddedTerms, effects_together, with_terms
 from pa10cal.discovery.tuning import FIELD
-from pa10cal.fit.discrepancy import RowsAboutFit, clusters_of, levers_m, places_of
+from pa10cal.fit.discrepancy import clusters_of, levers_m, places_of
 from pa10cal.fit.fitted import Fitted
 from pa10cal.fit.forward import Forward
+from pa10cal.fit.rows_about_fit import RowsAboutFit
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.observations import Observations
 from pa10cal.terms.effects.effect import Effect

@@ -139,6 +139,8 @@ class Finding(Generic[ProofT]):
     proof_of: Effect | None = None
     # probability that the cause is one that was not tried
     unknown_probability: float = PROBABILITIES.unknown
+    # odds against any other function of its joint's position, where the joint stood at few places
+    odds_by_levels: float = np.inf
 
     @property
     def id(self) -> str:

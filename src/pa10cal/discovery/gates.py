@@ -22,6 +22,7 @@ from pa10cal.discovery.in_time import grows_instead
 from pa10cal.discovery.no_harm import harmed, harmless, worse_than
 from pa10cal.discovery.position_errors import mean_noise_error_mm
 from pa10cal.discovery.preparation import Prepared
+from pa10cal.discovery.probabilities import with_unknown_cause
 from pa10cal.discovery.refitted_verdict import (
     finding_of,
     fitted_instead,
@@ -34,10 +35,11 @@ from pa10cal.discovery.refitted_verdict import (
 )
 from pa10cal.discovery.rules import NAMES, PROBABILITIES
 from pa10cal.discovery.target_wander import wander_instead_of
-from pa10cal.discovery.verdict import Scorer, Verdict, is_sought, with_unknown_cause
+from pa10cal.discovery.verdict import Scorer, Verdict, is_sought
 from pa10cal.fit.fitted import Otherwise
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.forward import moves_robot
+from pa10cal.fit.levels import of_position
 from pa10cal.fit.uncertain_weights import open_unknowns
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.time_order import covariates, measured_again, slow_joints
@@ -391,7 +393,9 @@ def with_other_readings(found: Verdict) -> Verdict:
     That is where an effect of the robot and one of the instrument, or of the log, explain the
     readings alike: predictions hold the first alone. An effect of the instrument that is not sure
     may not be there, and the geometry is then false that was fitted beside it. Of several such
-    explanations it is the likeliest.
+    explanations it is the likeliest. So with effects of a joint's position where it stood at few
+    places, and these are alike: between them predictions differ by as much as the likeliest other
+    does, unless it is the effect named.
     """
     if not is_sought(found):
         return found
@@ -410,6 +414,12 @@ def with_other_readings(found: Verdict) -> Verdict:
         if finding.effect.error_of == "readings"
         and is_named(finding.effect)
         and (may_be_right := _readings_may_be_right(finding)) > 1.0 - PROBABILITIES.surely
+    ]
+    pairs += [
+        (1.0 - finding.explanations.probability(finding.effect), finding, other)
+        for finding in found.findings
+        if is_named(finding.effect) and np.isfinite(finding.odds_by_levels)
+        for other in others_of_position(finding)[:1]
     ]
     if not pairs:
         return found
@@ -452,6 +462,19 @@ def with_doubt(found: Verdict) -> Verdict:
     if lacks is None:
         return found
     return replace(found, doubt=(least_sure.explanations.none_of_these, lacks))
+
+
+def others_of_position(finding: Finding) -> list[Effect]:
+    """Return the likely other effects of the position of a finding's joint, the likeliest first."""
+    return [
+        other
+        for other, probability in finding.explanations.named
+        if other != finding.effect
+        and other.of == finding.of
+        and probability >= PROBABILITIES.least
+        and of_position(other)
+        and is_named(other)
+    ]
 
 
 def _readings_may_be_right(finding: Finding) -> float:

@@ -21,9 +21,9 @@ from pa10cal.arrays import Array, Index
 from pa10cal.discovery.model_with_effects import identifiable_base_motions
 from pa10cal.discovery.preparation import computable
 from pa10cal.discovery.tuning import FIELD
-from pa10cal.fit.discrepancy import RowsAboutFit
 from pa10cal.fit.fitted import Fitted
 from pa10cal.fit.problem import possible_sizes
+from pa10cal.fit.rows_about_fit import RowsAboutFit
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations

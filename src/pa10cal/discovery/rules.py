@@ -256,6 +256,7 @@ class Probabilities:
     other_readings: float = 0.25
     pull: float = 0.3  # prior odds of a pull at a joint against its gear ratio (trials)
     second: float = 0.05  # odds of two errors of the same joint's angle against one cause (level)
+    one_curve: float = 1.0  # odds of a curve without a name against two causes at a joint (trials)
     unknown: float = 0.01  # probability that no effect that was tried is present (trials)
     # the same where repeats judge and more than noise is left without a name (trials)
     unknown_beside: float = 0.17

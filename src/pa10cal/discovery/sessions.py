@@ -20,8 +20,8 @@ from pa10cal.discovery import jacobians
 from pa10cal.discovery.changed import load_change
 from pa10cal.discovery.rules import CHANGE
 from pa10cal.discovery.tuning import SESSIONS
-from pa10cal.fit.discrepancy import less_far_off
 from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.rows_about_fit import less_far_off
 from pa10cal.observe.observations import Observations, reading_groups
 from pa10cal.observe.time_order import like_a_scan, measured_again, sorted_rows
 from pa10cal.results.discovery import Unexplained

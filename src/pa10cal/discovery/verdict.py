@@ -22,7 +22,7 @@ from pa10cal.arrays import Array, Rows
 from pa10cal.calibration.rules import GRADES
 from pa10cal.discovery.explained import ErrorsOfModels, explained_errors
 from pa10cal.discovery.field import FieldFit, with_field
-from pa10cal.discovery.finding import Finding, Untestable, is_named, line_of, name_of
+from pa10cal.discovery.finding import Finding, Untestable, line_of, name_of
 from pa10cal.discovery.gap import ErrorsByName, PairedErrors, errors_by_name, trusted
 from pa10cal.discovery.log_faults import DiagnosedFault, fault_of, log_is_to_be_checked
 from pa10cal.discovery.model_with_effects import ModelWithEffects, with_targets_off
@@ -537,56 +537,6 @@ def _at_most(count: int, lines: Sequence[str]) -> list[str]:
 def is_sought(found: Verdict) -> TypeIs[Verdict[Scorer]]:
     """Return whether effects were sought: then the model can be fitted with other effects."""
     return isinstance(found.scorer, Scorer)
-
-
-F = TypeVar("F", bound=Finding)
-
-
-# Probabilities, and the word of a verdict.
-
-
-def with_likely_alternatives(found: Verdict) -> Verdict:
-    """Return a verdict whose findings list every likely rival as an alternative."""
-    findings = (with_unknown_cause(found, each) for each in found.findings)
-    gives_way = (with_unknown_cause(found, each) for each in found.gives_way)
-    return replace(
-        found,
-        findings=tuple(each.with_likely_alternatives() for each in findings),
-        gives_way=tuple(each.with_likely_alternatives() for each in gives_way),
-    )
-
-
-def with_unknown_cause(found: Verdict, finding: F) -> F:
-    """Return a finding with the probability that its cause is one that was not tried.
-
-    Its proof may know it, by the error that would remain. Else it is larger where more than noise
-    remains without a name. It is also larger where a machine that touches may read by the side from
-    which it comes, and where the effect is larger than such effects are: then another cause looks
-    like it.
-    """
-    if (by_errors := finding.proof.unknown_cause) is not None:
-        unknown = by_errors.probability(found.noise_floor_mm)
-    elif found.unexplained or found.over_noise:
-        unknown = PROBABILITIES.unknown_beside
-    else:
-        unknown = PROBABILITIES.unknown
-    touched = found.prepared.readings.measured.from_touches
-    if touched and finding.effect.of_moves:
-        unknown = max(unknown, PROBABILITIES.machine_reverses)
-    size = _plausible_sizes(found, finding.effect) / PROBABILITIES.usual_sizes
-    odds = max(1.0, size) ** PROBABILITIES.size_power * unknown
-    return replace(finding, unknown_probability=odds / (1.0 - unknown + odds))
-
-
-def _plausible_sizes(found: Verdict, effect: Effect) -> float:
-    """Return how many plausible sizes an effect of the model has; 0 where physics limits it."""
-    extended = found.scorer.extended
-    if not is_named(effect) or effect not in extended.effects:
-        return 0.0
-    limits = effect.limits_at(extended.at.arm.reach_m)
-    if limits.values is not None or limits.turn_rad is not None:
-        return 0.0
-    return effect.size(extended.at.values_of(effect)[: effect.linear])
 
 
 def word_of(findings: Sequence[Finding], unexplained: Sequence[Unexplained]) -> Word:

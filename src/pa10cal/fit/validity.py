@@ -8,7 +8,7 @@ assumed to be.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Self
 
@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 
 from pa10cal.arrays import Array
 from pa10cal.results import maps
-from pa10cal.rules import ANGLES
+from pa10cal.rules import ANGLES, LEVELS
 from pa10cal.terms.field import embedded
 
 _TURN = 2.0 * np.pi
@@ -62,9 +62,7 @@ class AngleCoverage:
         ends = self.intervals[joint].ravel()
         if not len(ends):
             return np.zeros(len(position))
-        away = position[:, None] - ends
-        if self.turns[joint]:
-            away = np.mod(away + 0.5 * _TURN, _TURN) - 0.5 * _TURN
+        away = apart(position, ends, turns=self.turns[joint])
         nearest = np.take_along_axis(away, np.abs(away).argmin(axis=1)[:, None], axis=1)[:, 0]
         q = np.zeros((len(position), len(self.intervals)))
         q[:, joint] = position
@@ -183,6 +181,12 @@ def _intervals_near(angle_rad: Array, within_rad: float) -> Array:
     return np.column_stack([np.maximum(starts[inside], 0.0), np.minimum(ends[inside], _TURN)])
 
 
+def apart(position: Array, others: Array, *, turns: bool) -> Array:
+    """Return how far positions (N,) of a joint are from others (m,), (N, m), within half a turn."""
+    away: Array = position[:, None] - others
+    return np.mod(away + 0.5 * _TURN, _TURN) - 0.5 * _TURN if turns else away
+
+
 def _about_within(position: Array, fitted: Array, *, turns: bool) -> NDArray[np.bool_]:
     """Return which positions (N,) of a joint are about in the range of those of a fit (F,).
 
@@ -215,6 +219,10 @@ class Discrepancy:
     near_m: float  # a pose within this distance is near those measured
     # position of a single approach beyond the mean of many, rms, beyond what the instrument states
     repeatability_mm: float = 0.0
+    # levels of each joint that stood at few only, ascending, (0,) of others; () of none
+    levels: tuple[Array, ...] = ()
+    # of each joint, rms of the position error between its levels beyond that at them, (n,); () too
+    between_mm: Array = field(default_factory=lambda: np.zeros(0))
 
     @classmethod
     def from_plain(cls, content: Mapping[str, Any], n: int) -> Self:
@@ -233,17 +241,22 @@ class Discrepancy:
             turns=np.array(content["turns"], dtype=bool),
             near_m=float(content["near_m"]),
             repeatability_mm=float(content.get("repeatability_mm", 0.0)),
+            levels=tuple(np.array(each, dtype=float) for each in content.get("levels", ())),
+            between_mm=np.array(content.get("between_mm", ()), dtype=float),
         )
         finite = all(np.isfinite(array).all() for array in numbers.values())
-        finite &= bool(np.isfinite([lack.near_m, lack.repeatability_mm]).all())
+        finite &= bool(np.isfinite([lack.near_m, lack.repeatability_mm, *lack.between_mm]).all())
+        finite &= all(np.isfinite(levels).all() for levels in lack.levels)
         of_arm = lack.q.shape[1:] == lack.lever_m.shape == lack.turns.shape == (n,)
         of_steps = lack.distance_m.shape == lack.error_mm.shape == (len(lack),)
+        of_arm &= len(lack.levels) == len(lack.between_mm) and len(lack.levels) in (0, n)
         if not (of_arm and of_steps and len(lack) and len(lack.q) and finite):
             raise ValueError("discrepancy is not made of finite numbers for this arm")
         if (
             (np.diff(lack.distance_m) < 0.0).any()
             or (lack.error_mm < 0.0).any()
             or (lack.repeatability_mm < 0.0)
+            or (lack.between_mm < 0.0).any()
         ):
             raise ValueError("discrepancy has distances that fall, or an error below zero")
         return lack
@@ -264,18 +277,37 @@ class Discrepancy:
 
         Between the distances at which it was estimated the variance is interpolated linearly;
         beyond the last, the error grows in proportion to the distance. Repeatability is the same
-        everywhere.
+        everywhere. Away from the levels of a joint the error between them is added.
         """
         distance_m = self.distance_of(q)
         variance = np.interp(distance_m, self.distance_m, self.error_mm**2)
         beyond = np.maximum(distance_m / max(float(self.distance_m[-1]), _NO_DISTANCE_M), 1.0)
-        return np.asarray(np.hypot(np.sqrt(variance) * beyond, self.repeatability_mm))
+        found_mm = np.hypot(np.sqrt(variance) * beyond, self.repeatability_mm)
+        return np.asarray(np.hypot(found_mm, self._between_levels_mm(q)))
+
+    def _between_levels_mm(self, q: Array) -> Array:
+        """Return the error that is added between levels of joints at positions (N, n), (N,)."""
+        variance = np.zeros(len(q))
+        for joint in np.flatnonzero(self.between_mm):
+            levels, turns = self.levels[joint], bool(self.turns[joint])
+            away = np.abs(apart(q[:, joint], levels, turns=turns)).min(axis=1)
+            reach = LEVELS.reach_share * np.diff(levels).min()
+            variance += (self.between_mm[joint] * np.minimum(away / reach, 1.0)) ** 2
+        return np.asarray(np.sqrt(variance))
 
     def mixed_with(self, probability: float, other: Discrepancy) -> Self:
         """Return it where another one, if it is larger, holds with a probability: mean squares."""
-        square = np.interp(self.distance_m, other.distance_m, other.error_mm**2)
-        more = probability * np.maximum(square - self.error_mm**2, 0.0)
-        return replace(self, error_mm=np.sqrt(self.error_mm**2 + more))
+        of_distances = np.interp(self.distance_m, other.distance_m, other.error_mm**2)
+        of_levels = other.between_mm**2 if other.levels else np.zeros(len(self.turns))
+        between_mm = self.between_mm if self.levels else np.zeros(len(self.turns))
+        error_mm, between_mm = (
+            np.sqrt(own**2 + probability * np.maximum(square - own**2, 0.0))
+            for own, square in ((self.error_mm, of_distances), (between_mm, of_levels))
+        )
+        if not between_mm.any():
+            return replace(self, error_mm=error_mm)
+        levels = self.levels or other.levels
+        return replace(self, error_mm=error_mm, levels=levels, between_mm=between_mm)
 
     def near(self, q: Array) -> NDArray[np.bool_]:
         """Return which joint positions (N, n) are near measured poses, (N,).

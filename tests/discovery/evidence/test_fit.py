@@ -21,8 +21,8 @@ from pa10cal.discovery.model_with_effects import (
     with_targets_off,
     with_unknowns,
 )
-from pa10cal.fit.discrepancy import RowsAboutFit
 from pa10cal.fit.problem import possible_sizes
+from pa10cal.fit.rows_about_fit import RowsAboutFit
 
 #: What moves poses, what shows in torques by way of a spring, what the joint carries, what bends
 #: with a shape of its own, what yields, what the instrument reads falsely.
