@@ -156,7 +156,7 @@ def _overview(attack):
 
 
 def _figures(attack):
-    return attack("figures", results=attack.inside / NAME, out=attack.inside)
+    return attack("figures", results=attack.inside / NAME, out_dir=attack.inside)
 
 
 def _import(attack):
@@ -351,7 +351,7 @@ GIVEN = {
     "a URDF": lambda attack, path: attack("import_arm", path, out=attack.inside / "x.yaml"),
     "a fleet": lambda attack, path: attack("fleet", path, out=attack.inside / "x"),
     "points": lambda attack, path: attack(
-        "curve", points=path, out=attack.inside / "x", settings={"links": 3}
+        "curve", points=path, out_dir=attack.inside / "x", settings={"links": 3}
     ),
     "a calibration": lambda attack, path: attack(
         "export", calibration=path, model=attack.inside / "x.yaml", urdf=attack.inside / "x.urdf"

@@ -74,7 +74,7 @@ def test_raw_files_become_a_model_in_use_without_any_extra(tmp_path):
     ("command", "module"),
     [
         ("run RAW", "snakemake"),
-        ("figures --results results/mine --campaign-dir RAW --out out", "matplotlib"),
+        ("figures --results results/mine --campaign-dir RAW --out-dir out", "matplotlib"),
         ("import_arm robot.urdf --out arm.yaml", "pinocchio"),
     ],
 )
