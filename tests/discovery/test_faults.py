@@ -18,6 +18,7 @@ from pa10cal.discovery.preparation import effects_in
 from pa10cal.discovery.verdict import Verdict
 from pa10cal.fit.fitted import FittedTo
 from pa10cal.results.calibration import InputFinding
+from pa10cal.results.record import EffectName
 from pa10cal.terms.effects.over_time import BaseDrift
 from pa10cal.terms.term import TermParameter
 from pa10cal.terms.weights import FaultText, LogFault, is_fault
@@ -134,7 +135,7 @@ def test_departures_are_no_faults_where_held_out_poses_confirm_them(
     after = SimpleNamespace(configurations=poses, rms_mm=left_mm)
     verdict = SimpleNamespace(
         trusted_holdout=SimpleNamespace(after=after, noise_rms_mm=0.1),
-        effects=effects, holds_nowhere=False, findings=(), faults_of_rows=(),
+        effects=effects, holds_nowhere=False, findings=(), faults_of_rows=(), since=None,
     )  # fmt: skip
     verdict.departures_are_confirmed = Verdict.departures_are_confirmed.func(verdict)
     assert verdict.departures_are_confirmed is confirmed
@@ -165,6 +166,46 @@ def test_departures_confirm_no_fit_that_did_not_converge():
         suspicions=(InputFinding(**DEPARTS),),
     )  # fmt: skip
     assert about.confirmed() == about
+
+
+def fitted_as(grade, *suspected):
+    return FittedTo(
+        campaign="mine", provenance="", calibration="combined", instrument="tracker", poses=100,
+        temperature_C=None, time_s=(0.0, 1.0), grade=grade, health="of the calibration",
+        suspicions=tuple(InputFinding(**each) for each in suspected),
+    )  # fmt: skip
+
+
+COUPLING = {"id": "joint_coupling", "of": "joint 3"}
+SLIDES = {
+    "kind": "joint_coupling", "where": "q3, q4", "what": "joint 3 slides as joint 4 turns",
+    "remedy": "set coupling", "effect": COUPLING,
+}  # fmt: skip
+
+
+def test_an_effect_that_was_found_is_no_fault_of_the_log_and_its_model_is_used():
+    about, found = fitted_as("suspect_input", SLIDES), [EffectName(**COUPLING)]
+    confirmed = about.confirmed(effects=found)
+    assert (confirmed.grade, confirmed.suspicions) == ("incomplete", ())
+    assert "what looked like a fault of the log is joint_coupling of joint 3" in confirmed.health
+    assert about.is_confirmed_as(confirmed)
+    assert about.confirmed() == about
+    assert about.confirmed(effects=[EffectName(id="backlash", of="joint 3")]) == about
+    both = fitted_as("suspect_input", SLIDES, SIGN)
+    assert both.confirmed(effects=found) == both
+
+
+@pytest.mark.parametrize("grade", ["good", "incomplete", "suspect_input", "not_converged"])
+def test_a_calibration_across_a_step_of_a_joint_is_of_no_one_state(grade):
+    """Even where repeats count the step as noise, so that the calibration is good by itself."""
+    about = fitted_as(grade, *[SIGN] * (grade == "suspect_input"))
+    since = about.confirmed(steps=True)
+    if grade in ("suspect_input", "not_converged"):
+        assert since == about
+        return
+    assert since.grade == "incomplete"
+    assert "the extended model is of the arm since the last step" in since.health
+    assert about.is_confirmed_as(since)
 
 
 CONTRADICTS = {

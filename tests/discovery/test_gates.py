@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -14,13 +14,15 @@ from made_up_poses import context_of
 from pa10cal.discovery import gates, refitted_verdict
 from pa10cal.discovery.credible_amounts import holds_zero
 from pa10cal.discovery.evidence.by_repeats import ByRepeats
+from pa10cal.discovery.finding import Finding
 from pa10cal.discovery.gates import gated, reasons_against_none, with_cable_torques
 from pa10cal.discovery.lack_of_fit import pure_error_test
 from pa10cal.discovery.refitted_verdict import unfit, with_findings, without_names
 from pa10cal.discovery.rules import NAMES
 from pa10cal.files.arms import load_arm
+from pa10cal.terms.effects.arrivals import AlongMove
 from pa10cal.terms.effects.effect import candidates
-from pa10cal.terms.effects.joint import GearRatioError
+from pa10cal.terms.effects.joint import Backlash, GearRatioError
 from pa10cal.terms.effects.over_time import BaseDrift
 from pa10cal.terms.weights import GravityStated
 
@@ -470,3 +472,57 @@ def test_what_the_fit_before_predicted_is_not_that_of_a_new_fit(wave):
     new = with_findings(old, [])
     assert (new.predicted, new.doubt) == (None, None)
     assert new.by_names.train is new.train
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A verdict as far as a joint that is logged late asks for it."""
+
+    rms_mm: float
+    commanded: bool = False
+    move_share: object = ()
+
+    @property
+    def context(self):
+        return SimpleNamespace(arm=load_arm("ur10"), commanded=self.commanded, campaigns=())
+
+    @property
+    def states(self):
+        return SimpleNamespace(move_share=self.move_share)
+
+    @property
+    def train(self):
+        return SimpleNamespace(after=SimpleNamespace(rms_mm=self.rms_mm))
+
+
+@pytest.mark.parametrize(
+    ("b_rad", "found", "left_mm", "late"),
+    [
+        (-5e-5, Judged(0.05), 0.03, True),
+        (5e-5, Judged(0.05), 0.03, False),  # lost motion as it can be
+        (-5e-5, Judged(0.05), 0.06, False),  # the error does not grow with the move
+        (-5e-5, Judged(0.05), None, False),  # the fit rules it out
+        (-5e-5, Judged(0.05, commanded=True), 0.03, False),  # a controller stops beyond its command
+        (-5e-5, Judged(0.05, move_share=None), 0.03, False),  # no times: moves are not known
+    ],
+)
+def test_a_joint_that_is_ahead_of_its_log_is_logged_late(monkeypatch, b_rad, found, left_mm, late):
+    tried = []
+
+    def fitted(_, old, new):
+        tried.append(new.effect)
+        return None if left_mm is None else Judged(left_mm)
+
+    monkeypatch.setattr(gates, "fitted_instead", fitted)
+    lost = Finding(Backlash("joint 2"), np.array([b_rad]), np.eye(1), (), object())
+    instead = gates._logged_late(found, lost)
+    assert (instead is not None) is late
+    if late:
+        assert tried == [AlongMove("joint 2", (2,))]
+
+
+def test_a_joint_that_is_logged_late_is_off_by_its_own_part_of_the_move():
+    share = np.array([[1.0, -0.5, 0.0], [0.2, 1.0, -1.0]])
+    states = SimpleNamespace(move_share=share, campaign=np.zeros(2))
+    columns = AlongMove("joint 2", (2,)).per_unit(states)
+    np.testing.assert_allclose(np.broadcast_to(columns, (2, 1, 1))[:, 0, 0], [-0.5, 1.0])

@@ -245,6 +245,11 @@ def test_another_form_of_the_effect_stays_no_rival_after_an_exchange():
 def test_an_effect_that_is_larger_than_such_effects_are_is_in_doubt(monkeypatch, wave):
     (finding,) = wave.discovery.findings
     assert 0.3 < probabilities._plausible_sizes(wave.discovery, finding.effect) < 1.0
+    for lifts, doubted in (((2, 1.0, 0.0), True), ((3, 1.0, 0.0), False), (None, True)):
+        # A joint before the one that lifts is turned by no weight, by which another would look so.
+        context = replace(wave.discovery.context, lifts=lifts)
+        of_weights = replace(wave.discovery, context=context)
+        assert (probabilities._plausible_sizes(of_weights, finding.effect) > 0.0) is doubted
     unknown = []
     for size in (0.5, 2.0, 4.0, 8.0):
         monkeypatch.setattr(probabilities, "_plausible_sizes", lambda *_, size=size: size)

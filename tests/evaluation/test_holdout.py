@@ -17,6 +17,7 @@ from made_up_poses import at_rest, measured_poses
 from pa10cal.arm.chain import Chain
 from pa10cal.calibration.general.calibrate import calibrate_general, find_start
 from pa10cal.calibration.general.case import fitted
+from pa10cal.discovery.moved_zeros import MovedZeros
 from pa10cal.discovery.preparation import MeasurementSetup
 from pa10cal.discovery.verdict_records import Extended
 from pa10cal.errors import CalibrationError
@@ -308,6 +309,23 @@ def test_in_its_own_campaign_a_model_is_parted_where_the_verdict_tells_a_step(ca
     whole = Evaluation(every, models, None, setup).judge_carried().errors
     assert found.by_parts["linear"].rms_mm < 0.7 * whole["linear"].rms_mm
     assert still.by_parts is still.parts is None
+
+
+def test_held_out_poses_before_a_step_of_a_joint_are_judged_as_since_it(carried):
+    model, every, setup = carried
+    step_s = float(np.median(every.states.time_s))
+    between_s, by_rad = np.array([[step_s, step_s]]), np.array([2e-3])
+    moved = MovedZeros((2,), (step_s,), between_s, by_rad, np.zeros((1, 1)))
+    q_rad = every.states.q_rad.copy()
+    q_rad[every.states.time_s <= step_s, 1] += 2e-3  # the model is of the arm after it
+    logged = every.with_states(replace(every.states, q_rad=q_rad))
+
+    def error_mm(readings, extended):
+        return Evaluation(readings, {"linear": model}, extended, setup).judge()["extended"].rms_mm
+
+    as_it_was = error_mm(every, Extended(model))
+    assert error_mm(logged, Extended(model, moved=moved)) == pytest.approx(as_it_was, rel=1e-9)
+    assert error_mm(logged, Extended(model)) > as_it_was + 0.1
 
 
 def test_configurations_repeated_across_a_step_are_judged_before_and_after_it(carried):

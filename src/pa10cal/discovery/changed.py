@@ -443,8 +443,17 @@ class StepRows:
 
     def amounts(self, columns: Array, scale: float, row: int) -> Array:
         """Return the most likely amounts of a step at a row, in units of the scale."""
+        return self.amounts_known(columns, scale, row)[0]
+
+    def amounts_known(self, columns: Array, scale: float, row: int) -> tuple[Array, Array]:
+        """Return these amounts (k,) and their covariance (k, k).
+
+        What remains beyond noise counts as noise.
+        """
         steps = self._steps(columns, np.array([row])).in_sizes(np.array([scale]))
-        return np.asarray(steps.mean[0])
+        noise = max(1.0, float(steps.residual_squares[0]) / self._seen)
+        precision = steps.gram[0] + np.eye(columns.shape[2])
+        return np.asarray(steps.mean[0]), noise * np.linalg.inv(precision)
 
     def _steps(self, columns: Array, rows: Index) -> Gaussians:
         """Return the normal equations of steps in columns (P, b, k) at each of R rows, (R,).

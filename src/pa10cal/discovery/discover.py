@@ -97,7 +97,8 @@ def discover(
     faults = tuple(map(fault_of_quarantined, wrong))
     campaign = prepared(every, model, setup, faults)
     campaign = _without_joint_steps(campaign, every, model, faults)
-    found = _without_influential_poses(_judged(campaign, model), model)
+    found = _since_joint_steps(_judged(campaign, model), every, model, faults)
+    found = _without_influential_poses(found, model)
     if is_sought(found):
         found = with_levels_held_out(found)
         found = with_lines_named(with_proposals(_likelier(found, gated(found))))
@@ -112,7 +113,7 @@ def _without_joint_steps(
     model: FittedModel,
     faults: Sequence[DiagnosedFault],
 ) -> Prepared:
-    """Return a campaign of repeats with the log corrected by steps in the zeros of its joints.
+    """Return a campaign of repeats as since the last of the steps in the zeros of its joints.
 
     Repeats before and after a step differ: as their noise it would hide what the model lacks, and
     right readings would count as gross errors.
@@ -124,7 +125,7 @@ def _without_joint_steps(
     from pa10cal.discovery.evidence.by_repeats import joint_steps_between_repeats
 
     def corrected(steps: JointSteps, found: Sequence[DiagnosedFault] = ()) -> Prepared:
-        return prepared(steps.corrected(every), model, campaign.setup, (*faults, *found))
+        return prepared(every, model, campaign.setup, (*faults, *found), steps.moved)
 
     try:
         steps = joint_steps_between_repeats(campaign, corrected)
@@ -133,6 +134,20 @@ def _without_joint_steps(
     if steps is None:
         return campaign
     return corrected(steps, steps.faults(campaign.baseline, campaign.readings))
+
+
+def _since_joint_steps(
+    found: Verdict, every: Observations, model: FittedModel, faults: Sequence[DiagnosedFault]
+) -> Verdict:
+    """Return the verdict of blocks on the arm as it is since the last step of a joint's zero.
+
+    The search took up the steps beside the model, which is that of the arm before them; a campaign
+    that is corrected by them is judged anew. That of repeats was before its search.
+    """
+    if (moved := found.scorer.moved) is None:
+        return found
+    steps = tuple(fault for fault in found.faults_of_rows if fault.remedy_if_corrected)
+    return _judged(prepared(every, model, found.prepared.setup, (*faults, *steps), moved), model)
 
 
 def _without_influential_poses(found: Verdict, model: FittedModel) -> Verdict:

@@ -44,7 +44,7 @@ from pa10cal.fit.uncertain_weights import open_unknowns
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.time_order import covariates, measured_again, slow_joints
 from pa10cal.results.discovery import Unexplained
-from pa10cal.terms.effects.arrivals import ArrivalError
+from pa10cal.terms.effects.arrivals import AlongMove, ArrivalError
 from pa10cal.terms.effects.effect import Effect, turning_joints
 from pa10cal.terms.effects.joint import Backlash, GearRatioError
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
@@ -130,7 +130,8 @@ def _with_names_that_pass(found: Verdict[S]) -> Verdict[S]:
         if finding.id == Backlash.id and found.context.commanded:
             finding = _or_arrival_error(found, finding)
             found = replace(found, findings=instead(found, finding))
-        stands_in = _alternative(found, finding, finding.alternatives)
+        stands_in = _logged_late(found, finding)
+        stands_in = stands_in or _alternative(found, finding, finding.alternatives)
         found = stands_in or _withdrawn(found, finding, reasons)
     return _still_passing(found)
 
@@ -145,6 +146,26 @@ def _or_arrival_error(found: Verdict, finding: Finding) -> Finding:
     if stops in finding.alternatives:
         return finding
     return replace(finding, alternatives=(stops, *finding.alternatives))
+
+
+def _logged_late(found: Verdict[S], finding: Finding) -> Verdict[S] | None:
+    """Return the verdict with a joint that is logged at another instant in place of lost motion.
+
+    Lost motion leaves a joint behind its motor. One that stands further along its move than logged
+    was logged before it came to rest, or its log lags behind: that error grows with the move, and
+    has to leave no more of the errors. None for lost motion of the sign that it can have.
+    """
+    arm, moves_known = found.context.arm, found.states.move_share is not None
+    if finding.id != Backlash.id or found.context.commanded or not moves_known:
+        return None
+    joint = finding.effect.arriving[0]
+    if finding.x[0] >= 0.0 or arm.prismatic[joint - 1]:
+        return None
+    late = AlongMove(finding.of, (joint,), found.context.campaigns)
+    others = tuple(each for each in finding.alternatives if each != late)
+    tried = fitted_instead(found, finding, replace(finding, effect=late, alternatives=others))
+    worse = tried is None or tried.train.after.rms_mm > found.train.after.rms_mm
+    return None if worse else tried
 
 
 def _still_passing(found: Verdict[S]) -> Verdict[S]:

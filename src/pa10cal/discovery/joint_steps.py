@@ -7,7 +7,7 @@ by one by log evidence, and held against steps of the base and against other cha
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -25,6 +25,7 @@ from pa10cal.discovery.changed import (
 )
 from pa10cal.discovery.in_time import by_pose_and_time
 from pa10cal.discovery.log_faults import DiagnosedFault
+from pa10cal.discovery.moved_zeros import MovedZeros
 from pa10cal.discovery.nuisances import Nuisance, between_rows
 from pa10cal.discovery.rules import CHANGE, MOTION
 from pa10cal.fit.fitted_model import FittedModel
@@ -37,6 +38,7 @@ from pa10cal.observe.time_order import (
 )
 from pa10cal.terms.effects.effect import Effect
 
+_CAUSES = "its motor lost steps, its belt jumped, or it was mastered anew"
 #: A step from the first row on: columns that hold steps of their own count as they are.
 _FROM_FIRST = np.array([0])
 
@@ -58,6 +60,7 @@ class JointSteps(Nuisance):
     steps: tuple[JointStep, ...]  # in order of time
     scale: float  # prior standard deviation of each amount, in units of `CHANGE.size`
     amounts: Array  # (k,) in units of `scale`
+    covariance: Array  # (k, k) of the amounts
 
     @property
     @override
@@ -68,19 +71,22 @@ class JointSteps(Nuisance):
     def columns(self, at: FittedModel, poses: Observations) -> Array:
         return self.scale * _columns([(each.joint, each.time_s) for each in self.steps], at, poses)
 
-    def corrected(self, observations: Observations) -> Observations:
-        """Return readings with the joint positions that the log would have without the steps."""
-        states = observations.states
-        q_rad = states.q_rad.copy()
-        for step, amount in zip(self.steps, self.amounts.tolist(), strict=True):
-            later = states.time_s > step.time_s
-            q_rad[later, step.joint - 1] += CHANGE.size * self.scale * amount
-        return observations.with_states(replace(states, q_rad=q_rad))
+    @property
+    def moved(self) -> MovedZeros:
+        """Return by how much the zeros moved, and when."""
+        unit = CHANGE.size * self.scale
+        return MovedZeros(
+            joints=tuple(step.joint for step in self.steps),
+            times_s=tuple(step.time_s for step in self.steps),
+            between_s=np.array([(step.before_s, step.after_s) for step in self.steps]),
+            moved=unit * self.amounts,
+            covariance=unit**2 * self.covariance,
+        )
 
     def faults(self, at: FittedModel, poses: Observations) -> tuple[DiagnosedFault, ...]:
         """Return a fault of the log for each step."""
         slides = at.arm.prismatic
-        amounts = (1e3 * CHANGE.size * self.scale * self.amounts).tolist()
+        amounts = (1e3 * self.moved.moved).tolist()
         return tuple(
             _fault(step, amount, "mm" if slides[step.joint - 1] else "mrad", poses)
             for step, amount in zip(self.steps, amounts, strict=True)
@@ -95,8 +101,10 @@ def _fault(step: JointStep, amount: float, unit: str, poses: Observations) -> Di
         kind="step_in_time",
         where=between_rows(poses, step.before_s, step.after_s),
         what=what,
-        remedy=f"home joint {step.joint} (its motor lost steps, its belt jumped, or it was "
-        "mastered anew), and calibrate the readings before and after as two campaigns",
+        remedy=f"home joint {step.joint} ({_CAUSES}), and calibrate the readings before and after "
+        "as two campaigns",
+        remedy_if_corrected="the model is of the arm since then, the readings before it corrected "
+        f"by it; if joint {step.joint} is homed again ({_CAUSES}), calibrate anew",
     )
 
 
@@ -117,7 +125,7 @@ def likely_joint_steps(at: FittedModel, poses: Observations, whitener: Array) ->
     rows, every = StepRows(at, poses, whitener), _columns(chosen, at, poses)
     scale = rows.best(every, _FROM_FIRST).scale
     steps = tuple(JointStep(joint, time_s, time_s, time_s, ()) for joint, time_s in chosen)
-    return JointSteps(steps=steps, scale=scale, amounts=rows.amounts(every, scale, 0))
+    return JointSteps(steps, scale, *rows.amounts_known(every, scale, 0))
 
 
 def joint_steps_of(
@@ -171,11 +179,8 @@ def joint_steps_of(
         others = together.scale * np.delete(every, k, axis=2)
         rows = StepRows(at, poses, whitener, others)
         found.append(_described(*step, rows, at, poses, logged=logged))
-    return JointSteps(
-        steps=tuple(found),
-        scale=together.scale,
-        amounts=unchanged.amounts(every, together.scale, 0),
-    )
+    known = unchanged.amounts_known(every, together.scale, 0)
+    return JointSteps(tuple(found), together.scale, *known)
 
 
 @dataclass(frozen=True, eq=False)

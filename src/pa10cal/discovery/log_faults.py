@@ -28,6 +28,9 @@ class DiagnosedFault(Fault):
     # whether it is a large departure of the arm: where held-out poses confirm it, `Verdict.faults`
     # omits the fault
     is_departure: bool = Field(default=False, exclude=True)
+    # what to do instead where the model written is of readings corrected by it; None where it is
+    # never
+    remedy_if_corrected: str | None = Field(default=None, exclude=True)
     # whether campaigns of a group contradict each other: judged again about the extended model
     between_campaigns: bool = Field(default=False, exclude=True)
 
@@ -35,6 +38,12 @@ class DiagnosedFault(Fault):
 def steps_told(faults: Sequence[DiagnosedFault]) -> tuple[float, ...]:
     """Return the times of certain steps [s], the most certain first."""
     return tuple(fault.at_s for fault in faults if fault.at_s is not None)
+
+
+def as_corrected(fault: DiagnosedFault) -> DiagnosedFault:
+    """Return a fault as it is told where the model written is of readings corrected by it."""
+    remedy = fault.remedy_if_corrected
+    return fault if remedy is None else fault.model_copy(update={"remedy": remedy})
 
 
 def fault_of(term: LogFault, x: Array, covariance: Array, gain: float | None) -> DiagnosedFault:

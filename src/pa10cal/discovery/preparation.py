@@ -17,6 +17,7 @@ from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.description import CampaignDescription
 from pa10cal.discovery.finding import Untestable
 from pa10cal.discovery.log_faults import DiagnosedFault, faults_of_input
+from pa10cal.discovery.moved_zeros import MovedZeros
 from pa10cal.discovery.row_faults import held_out_faults, row_faults
 from pa10cal.discovery.rules import CANDIDATES, MAPS, NOISE
 from pa10cal.errors import CalibrationError
@@ -84,6 +85,7 @@ class Prepared:
     excluded: Mask | None = None  # (P,) readings with a fault; None for none
     suspected_readings: tuple[SuspectedReading, ...] = ()  # those of them without one in `faults`
     suspected: Mask | None = None  # (H,) held-out poses with a suspected reading; None for none
+    moved: MovedZeros | None = None  # by which readings were corrected; None for none
 
     @property
     def gross(self) -> Mask:
@@ -106,6 +108,7 @@ def prepared(
     model: FittedModel,
     setup: MeasurementSetup,
     faults: Sequence[DiagnosedFault] = (),
+    moved: MovedZeros | None = None,
 ) -> Prepared:
     """Return a campaign made ready: arrivals, orientations, torques, and which readings are faulty.
 
@@ -114,7 +117,9 @@ def prepared(
         model: the calibrated model.
         setup: what is known besides the readings.
         faults: faults found when the raw files were read.
+        moved: zeros of joints that moved, by which readings are corrected.
     """
+    every = every if moved is None else moved.corrected(every)
     of_input = _reversed_arrivals(every)
     every, from_order = with_arrivals(every, model.arm)
     if model.fitted_to is not None:
@@ -130,8 +135,11 @@ def prepared(
         alone = complete(_as_modelled(single, model, setup)[0], as_calibrated, setup)
         of_held_out = held_out_faults(alone, as_calibrated, whole.take(~of_rows.excluded))
         faults = (*faults, *of_held_out.faults)
-        if of_held_out.excluded.any():
-            suspected = np.bincount(reading_groups(single), of_held_out.excluded) > 0.0
+        unsure = of_held_out.excluded
+        if moved is not None:
+            unsure = unsure | moved.of_unknown_side(single)
+        if unsure.any():
+            suspected = np.bincount(reading_groups(single), unsure) > 0.0
     if torques == "masses" and setup.payload is not None:
         model = with_uncertain_weights(model, setup.payload)
     return Prepared(
@@ -145,6 +153,7 @@ def prepared(
         excluded=of_rows.excluded,
         suspected_readings=of_rows.suspected,
         suspected=suspected,
+        moved=moved,
     )
 
 

@@ -15,7 +15,7 @@ from pa10cal.discovery.rules import PROBABILITIES
 from pa10cal.discovery.verdict import Scorer, Verdict
 from pa10cal.fit.levels import by_levels, levels_of_joints, of_position
 from pa10cal.fit.rows_about_fit import RowsAboutFit
-from pa10cal.terms.effects.effect import Effect
+from pa10cal.terms.effects.effect import AtJoint, Effect
 from pa10cal.terms.effects.joint import EncoderEccentricity, EncoderEllipticity, GearRatioError
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
 
@@ -39,8 +39,8 @@ def with_unknown_cause(found: Verdict, finding: F) -> F:
 
     Its proof may know it, by the error that would remain. Else it is larger where more than noise
     remains without a name. It is also larger where a machine that touches may read by the side from
-    which it comes, and where the effect is larger than such effects are: then another cause looks
-    like it.
+    which it comes, and where the effect is larger than such effects are and weights pull at its
+    joint: then another cause looks like it.
     """
     if (by_errors := finding.proof.unknown_cause) is not None:
         unknown = by_errors.probability(found.noise_floor_mm)
@@ -81,9 +81,16 @@ def _causes_beside(found: Verdict, finding: Finding) -> int:
 
 
 def _plausible_sizes(found: Verdict, effect: Effect) -> float:
-    """Return how many plausible sizes an effect of the model has; 0 where physics limits it."""
+    """Return how many plausible sizes an effect of the model has; 0 where physics limits it.
+
+    Or where nothing that weights cause looks like it: at a joint before the first one that lifts,
+    whose axis is along gravity, the arm's weights turn nothing by the joint's angle.
+    """
     extended = found.scorer.extended
     if not is_named(effect) or effect not in extended.effects:
+        return 0.0
+    lifts = found.context.lifts
+    if lifts is not None and isinstance(effect, AtJoint) and effect.joint < lifts[0]:
         return 0.0
     limits = effect.limits_at(extended.at.arm.reach_m)
     if limits.values is not None or limits.turn_rad is not None:

@@ -23,9 +23,21 @@ from pa10cal.calibration.rules import GRADES
 from pa10cal.discovery.explained import ErrorsOfModels, explained_errors
 from pa10cal.discovery.field import FieldFit, with_field
 from pa10cal.discovery.finding import Finding, Untestable, line_of, name_of
-from pa10cal.discovery.gap import ErrorsByName, PairedErrors, errors_by_name, trusted
-from pa10cal.discovery.log_faults import DiagnosedFault, fault_of, log_is_to_be_checked
+from pa10cal.discovery.gap import (
+    ErrorsByName,
+    PairedErrors,
+    errors_by_name,
+    errors_of,
+    trusted,
+)
+from pa10cal.discovery.log_faults import (
+    DiagnosedFault,
+    as_corrected,
+    fault_of,
+    log_is_to_be_checked,
+)
 from pa10cal.discovery.model_with_effects import ModelWithEffects, with_targets_off
+from pa10cal.discovery.moved_zeros import MovedZeros
 from pa10cal.discovery.pose_scatter import PoseDeviations
 from pa10cal.discovery.preparation import Prepared, complete
 from pa10cal.discovery.proof import ComplianceProof
@@ -114,6 +126,11 @@ class Basis(ABC):
     @property
     def seen(self) -> AngleCoverage | None:
         """Return the joint positions to which maps were fitted; None without maps."""
+        return None
+
+    @property
+    def moved(self) -> MovedZeros | None:
+        """Return steps in the zeros of joints that its readings show beside the model."""
         return None
 
     @property
@@ -286,10 +303,18 @@ class Verdict(Generic[S]):
         """Return the calibrated model with the effects found."""
         return self.scorer.extended
 
-    @property
+    @cached_property
     def covariance(self) -> Array:
         """Return the covariance (k, k) of all unknowns of the extended model."""
-        return self.scorer.covariance
+        known, moved = self.scorer.covariance, self.prepared.moved
+        if moved is None or not is_sought(self):
+            return known
+        return known + moved.covariance_of_fit(self.extended.at, self.train.poses, known)
+
+    @property
+    def since(self) -> MovedZeros | None:
+        """Return the steps of joints since the last of which the extended model is of the arm."""
+        return self.prepared.moved if is_sought(self) and not self.holds_nowhere else None
 
     @property
     def verdict(self) -> Word:
@@ -325,7 +350,8 @@ class Verdict(Generic[S]):
             if fault.effect not in names
             and not (fault.is_departure and self.departures_are_confirmed)
         )
-        return (*of_input, *self.faults_of_rows, *of_all)
+        faults = (*of_input, *self.faults_of_rows, *of_all)
+        return faults if self.since is None else tuple(map(as_corrected, faults))
 
     @cached_property
     def departures_are_confirmed(self) -> bool:
@@ -470,7 +496,10 @@ class Verdict(Generic[S]):
         if about is None:
             return None
         return about.confirmed(
-            departures=self.departures_are_confirmed, campaigns=self.campaigns_agree
+            departures=self.departures_are_confirmed,
+            campaigns=self.campaigns_agree,
+            effects=[] if self.holds_nowhere else [name_of(each.effect) for each in self.findings],
+            steps=self.since is not None,
         )
 
     def next_poses(self, count: int, random_seed: int = 0) -> Plan:
@@ -495,7 +524,8 @@ class Verdict(Generic[S]):
         None where effects were not sought, or none is missing. It is computed at held-out poses
         without a suspected reading, or at the poses fitted where there are none. Springs under
         weights that are not stated are in the calibrated model already: errors before are those of
-        the geometry alone.
+        the geometry alone. Where zeros of joints moved they are those of the model fitted anew: the
+        calibrated one is of no one state of the arm.
         """
         nothing = not (self.effects or self.unexplained or self.faults or self.predicted)
         if (self.method is None or nothing) and not self.gives_way:
@@ -518,10 +548,13 @@ class Verdict(Generic[S]):
             over, rows = "held-out poses", rows if suspected is None else ~suspected
             gap, named, without = self.holdout, by_names.holdout, errors.held_out_without
         findings = {finding.effect: finding for finding in self.findings}
+        calibrated = gap.found_before
+        if self.since is not None:
+            calibrated = errors_of(self.scorer.model_with(()), gap.poses)
         return ErrorsOfModels(
             over=over,
             noise_mm=gap.noise_rms_mm,
-            calibrated_mm=gap.found_before.distance_mm[rows],
+            calibrated_mm=calibrated.distance_mm[rows],
             named_mm=named.found_after.distance_mm[rows],
             exported_mm=gap.found_after.distance_mm[rows],
             without_mm={findings[e]: found.distance_mm[rows] for e, found in without.items()},

@@ -11,6 +11,7 @@ from pa10cal.calibration.two_level_problem import report_base
 from pa10cal.calibration.uncertainty import reported_keys
 from pa10cal.discovery.finding import name_of, not_testable
 from pa10cal.discovery.log_faults import steps_told
+from pa10cal.discovery.moved_zeros import MovedZeros
 from pa10cal.discovery.rules import JUDGING, decisions
 from pa10cal.discovery.sessions import is_moved_in_order
 from pa10cal.discovery.verdict import NOTHING_PLANNED, Plan, Verdict, is_sought
@@ -45,6 +46,7 @@ class Extended:
     seen: AngleCoverage | None = None  # joint angles that its maps were fitted to; None without any
     # times of sudden motions of instrument or base by the verdict [s], the most certain first
     steps_s: tuple[float, ...] = ()
+    moved: MovedZeros | None = None  # by which readings are corrected; None for none
 
 
 def verdict_keys(found: Verdict, ahead: Plan = NOTHING_PLANNED) -> VerdictKeys:
@@ -139,6 +141,7 @@ def extended_record(
         verdict=verdict.verdict,
         arrival_from_order=verdict.arrival_from_order,
         steps_s=steps_told(found.faults) or None,
+        moved_zeros=None if found.since is None else found.since.record,
         named=verdict.effects,
         fits_weights=verdict.fits_weights,
         warnings=(*warnings_of(verdict), *_confirmed(found), *_not_predicted(found)),

@@ -81,7 +81,9 @@ class Evaluation:
         if kind == "holdout" and not cuts_s:
             if (self.every.kind == "grid").any():
                 # Outliers are sought by the last model, with the scatter of its calibration poses.
-                suspected = preparation.prepared(self.every, self._last, self.setup).suspected
+                moved = None if self.extended is None else self.extended.moved
+                prepared = preparation.prepared(self.every, self._last, self.setup, moved=moved)
+                suspected = prepared.suspected
             held_out, fitted = (average_repeats(self.every.of_kind(k)) for k in ("holdout", "grid"))
             places = HeldOutPlaces.of(held_out, fitted)
 
@@ -149,8 +151,13 @@ class Evaluation:
         return {UNCALIBRATED: FittedModel(rigid, np.zeros(0), T_instr_base), **self.models}
 
     def _with_arrivals(self) -> Observations:
-        """Return the readings with directions of arrival, which effects may need."""
-        return with_arrivals(self.every, self._last.arm)[0]
+        """Return the readings with directions of arrival, which effects may need.
+
+        Where zeros of joints moved, as they would be since the last step: so is the extended model.
+        """
+        moved = None if self.extended is None else self.extended.moved
+        every = self.every if moved is None else moved.corrected(self.every)
+        return with_arrivals(every, self._last.arm)[0]
 
     @property
     def _extended_variants(self) -> tuple[FittedModel, ...]:

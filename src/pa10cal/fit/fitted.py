@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from html import escape
+from itertools import product
 from typing import TYPE_CHECKING, Any, Literal, Self, TypeVar
 
 import numpy as np
@@ -24,8 +25,8 @@ from pa10cal.fit.validity import AngleCoverage, Discrepancy
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations, reading_checksums
 from pa10cal.observe.quantities import Comparison, Deviations
-from pa10cal.results.calibration import Health, InputFinding
-from pa10cal.results.record import CampaignIdentity, Part
+from pa10cal.results.calibration import UNRESERVED, Health, InputFinding
+from pa10cal.results.record import CampaignIdentity, EffectName, Part
 from pa10cal.terms.model import Model
 from pa10cal.terms.term import Report, Term, TermParameter
 from pa10cal.terms.wrapped import OfCampaign, of_campaign, of_one_campaign
@@ -34,6 +35,12 @@ if TYPE_CHECKING:
     import pandas as pd
 
 M = TypeVar("M", bound=Instrument)
+
+#: What a calibrated model lacks where the zero of a joint moved during its campaign.
+OF_NO_ONE_STATE = (
+    "the calibrated model takes readings before and after a step in the zero of a joint as those "
+    "of one arm, and is of neither; the extended model is of the arm since the last step"
+)
 
 FLANGE, TOOL_FRAME, TARGET = "flange", "tool", "target_"
 
@@ -119,18 +126,30 @@ class FittedTo(Part):
         """Return the checksums of all readings that it rests on, those of its priors included."""
         return tuple(dict.fromkeys((*self.readings, *self.readings_of_prior)))
 
-    def confirmed(self, *, departures: bool = True, campaigns: bool = False) -> FittedTo:
+    def confirmed(
+        self,
+        *,
+        departures: bool = True,
+        campaigns: bool = False,
+        effects: Collection[EffectName] = (),
+        steps: bool = False,
+    ) -> FittedTo:
         """Return it with what effects confirm or explain; it is incomplete if that is all.
 
         Args:
             departures: whether held-out poses confirm departures with the effects.
             campaigns: whether campaigns of a group do not contradict each other with them.
+            effects: those found, which are what looked like a fault of the log.
+            steps: whether the other model is of the arm since a step in the zero of a joint.
         """
+        if steps and self.grade in UNRESERVED:
+            return self.model_copy(update={"grade": "incomplete", "health": OF_NO_ONE_STATE})
         confirmed = [each for each in self.suspicions if departures and each.is_departure]
         explained = [each for each in self.suspicions if campaigns and each.between_campaigns]
+        found = [each for each in self.suspicions if each.effect in effects]
         if self.grade != "suspect_input" or not self.suspicions:
             return self
-        if len(confirmed) + len(explained) < len(self.suspicions):
+        if len(confirmed) + len(explained) + len(found) < len(self.suspicions):
             return self
         health = "the calibrated model lacks the effects found"
         if explained:
@@ -143,12 +162,16 @@ class FittedTo(Part):
             health += (
                 f"; {first.where}: {first.what}{more}, as held-out poses confirm with these effects"
             )
+        names = (f"{each.effect.id} of {each.effect.of}" for each in found if each.effect)
+        health += "".join(f"; what looked like a fault of the log is {name}" for name in names)
         return self.model_copy(update={"grade": "incomplete", "health": health, "suspicions": ()})
 
     def is_confirmed_as(self, other: FittedTo | None) -> bool:
         """Return whether another is this with what it suspects confirmed or explained."""
-        ways = ((True, False), (False, True), (True, True))
-        return any(other == self.confirmed(departures=d, campaigns=c) for d, c in ways)
+        suspected = tuple(each.effect for each in self.suspicions if each.effect)
+        ways = product((False, True), (False, True), ((), suspected))
+        confirmed = [self.confirmed(departures=d, campaigns=c, effects=e) for d, c, e in ways]
+        return other in (*confirmed, self.confirmed(steps=True))
 
 
 @dataclass(frozen=True, eq=False)

@@ -43,7 +43,11 @@ def parameters(results: ResultsBundle, case: CalibrationRecord) -> Iterator[Page
     if results.extended is not None and results.extended.adds_parameters:
         shown = results.extended.parameters
         model = (
-            "model with the effects found" if results.extended.named else "model with the weights"
+            "model with the effects found"
+            if results.extended.named
+            else "model of the arm since the zero of a joint moved"
+            if results.extended.moved_zeros
+            else "model with the weights"
         )
     yield Paragraph(
         f"Parameters of the {model}, with 95 % intervals. An interval includes the noise of the "

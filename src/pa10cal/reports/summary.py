@@ -79,7 +79,9 @@ def _grade_as_exported(
     """Return grade and sentence: of the exported model, where what was found explains the other."""
     health = fitted.health
     about = {} if extended is None else extended.fitted_model.get("fitted_to") or {}
-    if extended is None or not extended.adds_parameters or health.grade != "suspect_input":
+    if extended is None or not extended.adds_parameters:
+        return health.grade, health.line
+    if health.grade != "suspect_input" and not extended.moved_zeros:
         return health.grade, health.line
     if not isinstance(about, Mapping) or about.get("grade") != "incomplete":
         return health.grade, health.line

@@ -541,6 +541,16 @@ class VerdictRecord(VerdictKeys, record.MeasuredRecord):
     rules: Rules | None = record.optional()
 
 
+class MovedZero(record.Part):
+    """A step in the zero of a joint."""
+
+    joint: int  # from 1
+    at_s: float  # most likely time of the step [s]
+    before_s: float  # time of the last reading that is surely before it [s]
+    after_s: float  # time of the first reading that is surely after it [s]
+    moved: float  # by how much the zero moved [rad, m]
+
+
 @record.filed("pa10cal-extended/1", "discovery/extended.json", by="discover")
 class ExtendedRecord(record.MeasuredRecord):
     """`discovery/extended.json`."""
@@ -561,6 +571,9 @@ class ExtendedRecord(record.MeasuredRecord):
     # times at which instrument or base moved suddenly, the most certain first [s]; not given where
     # they did not
     steps_s: tuple[float, ...] | None = record.optional()
+    # steps in the zeros of joints: the model is of the arm since the last of them, and readings
+    # before are corrected; not given without any
+    moved_zeros: tuple[MovedZero, ...] | None = record.optional()
     named: tuple[NamedEffect, ...]  # effects named, with uncertainties
     # true where it has weights as the poses show them, see the verdict
     fits_weights: bool | None = record.optional()
@@ -569,7 +582,7 @@ class ExtendedRecord(record.MeasuredRecord):
     @property
     def adds_parameters(self) -> bool:
         """Return whether its parameters are those of the exported model, not the calibrated one."""
-        return bool(self.named or self.fits_weights)
+        return bool(self.named or self.fits_weights or self.moved_zeros)
 
     @property
     def grade(self) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 
@@ -111,6 +112,8 @@ def transfer(
             remedy="raise calibration.max_iterations, or look at its warnings",
         )
     with_effects = None if extended is None else read_extended(extended, record.campaign)
+    if with_effects is not None:  # steps of its own campaign are none of this one
+        with_effects = replace(with_effects, moved=None)
     setup = setup_of(campaign, arm, options, DiscoveryOptions())
     evaluation = Evaluation(observations, models, with_effects, setup)
     carried = transfer_record(campaign, record.campaign, evaluation)

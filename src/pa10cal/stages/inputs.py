@@ -11,6 +11,7 @@ from pa10cal.arm.description import Arm
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.description import CampaignDescription, read_description
 from pa10cal.campaign.table import arm_of, read_observations
+from pa10cal.discovery.moved_zeros import MovedZeros
 from pa10cal.discovery.verdict_records import Extended
 from pa10cal.fit.covariance_file import covariance_beside
 from pa10cal.fit.fitted_model import FittedModel
@@ -68,4 +69,5 @@ def read_extended(path: Path, campaign: str) -> Extended:
         covariance=covariance_beside(path),
     )
     seen = model.seen if record.angles_seen is not None else None
-    return Extended(model, seen, record.steps_s or ())
+    moved = None if record.moved_zeros is None else MovedZeros.of_record(record.moved_zeros)
+    return Extended(model, seen, record.steps_s or (), moved)

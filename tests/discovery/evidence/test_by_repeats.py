@@ -10,12 +10,14 @@ import pytest
 import pa10cal
 from made_up_arm import Missing, harmonic, measure
 from made_up_poses import at_rest
+from pa10cal.discovery import preparation
 from pa10cal.discovery.discover import discover
 from pa10cal.discovery.evidence import by_repeats
 from pa10cal.discovery.evidence.by_repeats import ByRepeats
 from pa10cal.discovery.evidence.judge import noise_floor_mm
 from pa10cal.discovery.next_poses import unresolved_pairs
 from pa10cal.discovery.nuisances import Jump, Wander
+from pa10cal.discovery.position_errors import position_error_mm
 from pa10cal.discovery.verdict_records import verdict_keys
 from pa10cal.errors import CalibrationError, DiscoveryError
 from pa10cal.fit.forward import Forward
@@ -273,6 +275,15 @@ def test_a_zero_that_moved_between_repeats_is_no_noise(log):
     assert "at 3600 s and" in fault.where
     assert not found.prepared.gross.any()
     assert found.train.after.mean_mm < 1.2 * found.noise_floor_mm
+    assert "the model is of the arm since then" in fault.remedy
+    assert found.explained is None  # the step is all
+    (moved_rad,) = found.since.moved
+    assert abs(moved_rad - 3e-4) < 4.0 * np.sqrt(found.since.covariance[0, 0]) < 1e-4
+    # Readings as logged: the model is of those after the step, and not of those before.
+    poses = preparation.complete(readings, measured.baseline, measured.setup, found.model)
+    error_mm = position_error_mm(poses.measured, found.model.compared(poses).residual)
+    later = poses.states.time_s > 3600.0
+    assert error_mm[later].mean() < 0.2 * error_mm[~later].mean()
 
 
 @pytest.mark.slow
@@ -291,6 +302,7 @@ def test_a_zero_that_moved_is_told_where_repeats_are_too_few_for_a_search(moved_
     assert not found.prepared.gross.any()
     if moved_rad:
         assert found.faults[0].what.startswith("the zero of joint 3 moved by +0.3")
+        assert "calibrate the readings before and after" in found.faults[0].remedy
 
 
 def test_a_campaign_without_repeats_is_refused(null):

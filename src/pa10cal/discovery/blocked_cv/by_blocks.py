@@ -36,7 +36,9 @@ from pa10cal.discovery.blocked_cv.survey import Survey
 from pa10cal.discovery.finding import Finding
 from pa10cal.discovery.gap import PairedErrors, errors_of, gap
 from pa10cal.discovery.jacobians import WhitenedPoses
+from pa10cal.discovery.joint_steps import JointSteps
 from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit
+from pa10cal.discovery.moved_zeros import MovedZeros
 from pa10cal.discovery.next_poses import poses_at_unseen_angles, separating_poses, unresolved_pairs
 from pa10cal.discovery.noise import Noise
 from pa10cal.discovery.nuisances import motion_unexplained
@@ -99,6 +101,12 @@ class ByBlocks(Scorer):
         columns = [each.columns(survey.baseline, survey.poses) for each in survey.nuisances]
         shift = survey.net_residual(at) - at.compared(survey.poses).residual
         return np.concatenate([*columns, shift[:, :, None]], axis=2)
+
+    @property
+    @override
+    def moved(self) -> MovedZeros | None:
+        change = self.survey.change
+        return change.moved if isinstance(change, JointSteps) else None
 
     @cached_property
     @override
