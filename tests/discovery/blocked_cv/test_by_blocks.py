@@ -8,6 +8,7 @@ import pytest
 from made_up_poses import at_joint
 from made_up_survey import LOW_RAD, Hidden, observe
 from pa10cal.discovery.blocked_cv import by_blocks
+from pa10cal.discovery.proposals import with_proposals
 from pa10cal.errors import DiscoveryError
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
 from pa10cal.terms.joint_spring import is_spring
@@ -84,6 +85,19 @@ def test_what_turns_the_end_and_does_not_move_it_is_no_effect_of_a_joint(twisted
 
 
 @pytest.mark.slow
+@pytest.mark.slow
+def test_what_has_no_name_is_told_though_it_moves_poses_by_less_than_noise():
+    def turn(motion):
+        return at_joint(3, 3e-5 * motion.arrival[:, 2] * np.sin(motion.q_rad[:, 2]))
+
+    found = observe(Hidden(turn=turn), poses=300).discovery
+    assert not found.over_noise
+    assert found.verdict == "unexplained"
+    assert [(each.of, each.form) for each in found.unexplained] == [("joint 3", "direction_map")]
+    (formula,) = with_proposals(found).proposed
+    assert (formula.form.form, formula.form.numbers) == ("arrival_by_angle", (1.0,))
+
+
 def test_noise_beyond_what_is_stated_is_unexplained_and_has_no_name():
     found = observe(Hidden(noise=3.0), poses=150, held_out=0).discovery
     assert found.verdict == "unexplained"

@@ -219,6 +219,10 @@ def test_the_family_has_every_map_in_every_form_and_says_what_it_lacks(few):
     assert len(maps) == 6 * 9
     assert {each.effect.of for each in maps} == {f"joint {joint}" for joint in range(1, 7)}
     assert ("joint_compliance", "joint 1") in {(e.effect.id, e.effect.of) for e in found.hidden}
+    of_place = [each for each in found.shown if each.effect.id == "place_map"]
+    assert sorted(len(each.index) for each in of_place) == [2] * 9 + [57]
+    whole = next(each for each in of_place if len(each.index) == 57)
+    assert all(set(each.index) <= set(whole.index) for each in of_place)
 
 
 def at_angles(survey, joint, angles):

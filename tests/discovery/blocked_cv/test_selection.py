@@ -10,7 +10,7 @@ from pa10cal.discovery.blocked_cv.normal_equations import BlockEquations
 from pa10cal.discovery.blocked_cv.search import Search
 from pa10cal.discovery.rules import PROBABILITIES
 from pa10cal.results.discovery import Remaining, Tried
-from pa10cal.terms.effects.generic import WindupMap
+from pa10cal.terms.effects.generic import PlaceMap, WindupMap
 from pa10cal.terms.effects.joint import Backlash, JointCompliance
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
 
@@ -169,16 +169,46 @@ def test_one_bad_block_neither_makes_nor_hides_what_is_left(means_mm, over):
     assert over_expected(means_mm, float(means_mm.mean()), 0.01) is over
 
 
-def remaining(*tried):
+def remaining(*tried, over_floor=True):
     return Remaining(
         mean_mm=0.3,
         std_mm=0.01,
         rms_mm=0.3,
         floor_mm=0.05,
         expected_mm=0.06,
-        over_floor=True,
+        over_floor=over_floor,
         tried=tried,
     )
+
+
+def test_what_was_found_without_a_name_is_told_however_little_is_left():
+    entry = Tried(
+        id="backlash",
+        of="joint 1",
+        gain=0.1,
+        gain_std=0.01,
+        helps=True,
+        positions_and_attitudes_agree=True,
+    )
+    little = remaining(entry, over_floor=False)
+    (found,) = unexplained(little, (WindupMap("joint 3", 10.0),), ())
+    assert (found.of, found.form) == ("joint 3", "windup_map")
+    assert unexplained(little, (), ()) == ()
+
+
+def test_a_part_of_a_smooth_function_is_found_where_the_whole_fits_noise():
+    rng = np.random.default_rng(8)
+    columns = rng.standard_normal((BLOCKS, 60, 58)) / np.sqrt(60.0)
+    effect = PlaceMap("instrument", (0.0, 0.0, 0.0))
+    part = effect.parts[0]
+    data = 4.5 * columns[..., 1 + part[0]] + rng.standard_normal((BLOCKS, 60))
+    products, own = products_of(columns, data), Columns(np.array([0]), np.ones(1))
+    whole, bow = (
+        Candidate(1 + np.array(places), np.full(len(places), 30.0), ShapedEffect(effect))
+        for places in (range(57), part)
+    )
+    for candidates, found in (((whole,), ()), ((whole, bow), (bow,))):
+        assert Search(products, own, candidates, BLOCKS * 60.0, 0.01).run().members == found
 
 
 @pytest.mark.parametrize(

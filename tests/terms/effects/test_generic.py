@@ -33,6 +33,22 @@ def test_a_place_map_is_of_its_plausible_size_a_unit_from_the_middle(at):
     assert np.count_nonzero(field.round(12)) == 9
 
 
+def test_parts_of_a_place_map_bow_one_axis_along_one(at):
+    effect = at("place_map", "instrument")
+    p_m = np.random.default_rng(5).uniform(-0.6, 1.6, (40, 1, 3))
+    field = effect.field(p_m)[:, 0]  # (40, 3, 57)
+    pairs = []
+    for part in effect.parts:
+        columns = field[:, :, list(part)]
+        (axis,) = np.flatnonzero(columns.any(axis=(0, 2)))
+        free = np.hstack([columns[:, axis], np.ones((40, 1)), p_m[:, 0]])
+        left = [left_of(p_m[:, 0, along] ** 3 - p_m[:, 0, along] ** 2, free) for along in range(3)]
+        (along,) = np.flatnonzero(np.array(left) < 1e-9)
+        pairs.append((axis, along))
+    assert sorted(pairs) == [(axis, along) for axis in range(3) for along in range(3)]
+    assert at("windup_map", "joint 2").parts == at("drift_map", "base").parts == ()
+
+
 def test_a_torque_map_follows_the_angle_over_its_span_and_beyond(at, states):
     effect = at("torque_map", "joint 3")
     low, high = effect.span_rad

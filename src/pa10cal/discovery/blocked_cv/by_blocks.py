@@ -524,7 +524,7 @@ def _verdict(campaign: Prepared, searched: SearchWithMotion) -> Verdict[ByBlocks
             *searched.causes.faults(survey.wander, extended.at, poses),
             *of_change,
         ),
-        nameless=found.nameless if remaining.over_floor else (),
+        nameless=found.nameless,
         over_noise=remaining.over_floor,
     )
 

@@ -81,8 +81,9 @@ def family(rows: BlockedRows, equations: BlockEquations) -> Family:
     shown, refused = [], {}
     gains: dict[tuple[str, str], float] = {}
     effects = [
-        Candidate(index, np.ones(len(index)), shaped)
+        Candidate(part, np.ones(len(part)), shaped)
         for shaped, index in zip(rows.shaped, rows.columns_of_effects(), strict=True)
+        for part in (index, *(index[list(places)] for places in shaped.effect.parts))
     ]
     few_angles = _few_angles(rows)
     for candidate in (*effects, *map_candidates(rows)):

@@ -284,20 +284,23 @@ def gains_of_others(search: Search, chosen: EffectSet) -> tuple[Tried, ...]:
 def unexplained(
     remaining: Remaining, nameless: Sequence[Effect], places: Collection[str]
 ) -> tuple[Unexplained, ...]:
-    """Return the unexplained parts of the remaining error; none if noise explains it.
+    """Return the unexplained parts of the remaining error.
+
+    Where noise explains what is left, only what was found that has no name: held-out blocks show it
+    as surely as a name, however little it moves the poses.
 
     Args:
         nameless: what was found that has no name.
         places: those where something was found, such as `joint 2`.
     """
-    if not remaining.over_floor:
-        return ()
     mean_mm, others = remaining.mean_mm, remaining.tried
+    found = [smooth_unknown(each, mean_mm, "held-out blocks") for each in nameless]
+    if not remaining.over_floor:
+        return tuple(found)
     helpful: dict[str, Tried] = {}  # of each place the best effect that helps and was not taken
     for entry in others:
         if entry.helps:
             helpful.setdefault(entry.of, entry)
-    found = [smooth_unknown(each, mean_mm, "held-out blocks") for each in nameless]
     found += [
         Unexplained(
             of=entry.of,

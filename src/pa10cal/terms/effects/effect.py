@@ -202,6 +202,9 @@ class Effect(Traits):
 
     #: Whether it is a smooth function that gives the place of a missing effect and no cause.
     generic: ClassVar[bool] = False
+    #: Which of its linear parameters may act without the others. Where blocks judge, each part is
+    #: tried beside the whole: where a few of many would do, the others cost more than these gain.
+    parts: ClassVar[tuple[tuple[int, ...], ...]] = ()
     role_in_search: ClassVar[RoleInSearch] = "candidate"
     #: Whether it is a part of the move before each pose: of the log, so that no robot moves by it.
     of_moves: ClassVar[bool] = False

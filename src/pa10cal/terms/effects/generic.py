@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import combinations_with_replacement
+from itertools import combinations_with_replacement, product
 from typing import Any, ClassVar
 
 import numpy as np
@@ -21,6 +21,23 @@ from pa10cal.terms.term import JointTorqueOnly, TermParameter
 _LEAST_SPAN = 1e-3
 
 
+def _monomials() -> Iterator[tuple[int, ...]]:
+    """Yield the factors, 0 to 2 for x to z, of every monomial of degree 1 to 3."""
+    for degree in (1, 2, 3):
+        yield from combinations_with_replacement(range(3), degree)
+
+
+def _bows() -> Iterator[tuple[int, ...]]:
+    """Yield the bow of each axis along each, as places among all monomials of the three axes.
+
+    It is of degree 2 and 3: a guideway that is not straight, or whose scale is not even. What is
+    linear has a name.
+    """
+    every = tuple(_monomials())
+    for axis, along in product(range(3), repeat=2):
+        yield tuple(axis * len(every) + every.index((along,) * degree) for degree in (2, 3))
+
+
 @dataclass(frozen=True)
 class PlaceMap(FalseReading):
     """The reading of each axis is off by a smooth function of place.
@@ -34,6 +51,7 @@ class PlaceMap(FalseReading):
     id = "place_map"
     words = "reading of each axis += polynomial of degree 3 in the place"
     generic = True
+    parts = tuple(_bows())
     unit_m = 0.3
     plausible_m: ClassVar[dict[int, float]] = {1: 3e-5, 2: 1e-4, 3: 3e-5}
 
@@ -60,12 +78,6 @@ class PlaceMap(FalseReading):
         values = np.stack([place[..., list(factors)].prod(-1) for factors in _monomials()], -1)
         field: Array = np.eye(3)[:, :, None] * values[..., None, None, :]
         return field.reshape(*p_instr_m.shape, -1)
-
-
-def _monomials() -> Iterator[tuple[int, ...]]:
-    """Yield the factors, 0 to 2 for x to z, of every monomial of degree 1 to 3."""
-    for degree in (1, 2, 3):
-        yield from combinations_with_replacement(range(3), degree)
 
 
 @dataclass(frozen=True)
