@@ -348,13 +348,14 @@ def is_right(hidden: HiddenEffect, formula: Formula) -> bool:
 def proposes(trial: BlindTrial, *, right: bool) -> bool:
     """Return whether a right formula was proposed; with `right=False`, a wrong one.
 
-    A line that was named in place of a map is a formula, too.
+    A line that was named in place of a map is a formula, too. A line of a gear is one where it is
+    right; else it is a wrong name, which counts elsewhere.
     """
     if trial.verdict is None:
         return False
     formulas = [Formula(p.form, p.of, p.numbers) for p in trial.verdict.proposed or ()]
     are_right = [any(is_right(hidden, each) for hidden in trial.hidden) for each in formulas]
-    lines = [found for found in trial.effects if found.id == LINE]
+    lines = [found for found in trial.effects if found.id in (_LINES if right else (LINE,))]
     are_right += [any(_is_right_line(hidden, line) for hidden in trial.hidden) for line in lines]
     return right in are_right
 

@@ -106,6 +106,14 @@ def test_a_line_is_a_right_formula_by_its_cycles(what, cycles, right):
     assert not trial_names.proposes(case, right=not right)
 
 
+@pytest.mark.parametrize(("cycles", "right"), [(3.02, True), (7.0, False)])
+def test_a_line_of_a_gear_is_a_right_formula_or_none(cycles, right):
+    line = named(Name("gear_line", "joint 2"), k=(cycles, 0.1))
+    case = trial("outside", (HIDDEN_THIRD,), verdict(line))
+    assert trial_names.proposes(case, right=True) is right
+    assert not trial_names.proposes(case, right=False)
+
+
 def test_a_trial_with_anything_nameless_is_none_with_nothing_outside():
     waves = hidden(Name("small_waves", "joint 2"), outside=True, orders=[2.4])
     backlash = hidden(Name("backlash", "joint 3"))

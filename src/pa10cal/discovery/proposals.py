@@ -7,7 +7,9 @@ from dataclasses import replace
 from functools import partial
 from typing import TypeVar
 
+from pa10cal.discovery.finding import is_named
 from pa10cal.discovery.no_harm import harmless
+from pa10cal.discovery.probabilities import with_unknown_cause
 from pa10cal.discovery.refitted_verdict import fitted_instead
 from pa10cal.discovery.rules import CANDIDATES
 from pa10cal.discovery.short_forms import FormulaProposal, choose
@@ -30,9 +32,16 @@ def with_proposals(found: Verdict[S]) -> Verdict[S]:
 
 
 def _proposals(found: Verdict[Scorer]) -> Iterator[FormulaProposal]:
-    """Yield one formula for everything without a name, or else one for each place that has one."""
+    """Yield one formula for everything without a name, or else one for each place that has one.
+
+    And where nothing is without a name, one for each joint that has several names.
+    """
     nameless = found.without_name
     if not nameless and not found.over_noise:
+        for place, held in _names_of_one_joint(found).items():
+            proposal = _shortest(found, held, forms_at(place, found.context, found.states))
+            if proposal is not None and proposal.form.length < sum(each.linear for each in held):
+                yield proposal
         return
     places = sorted({effect.of for effect in nameless})
     possible = (
@@ -64,6 +73,20 @@ def _proposals(found: Verdict[Scorer]) -> Iterator[FormulaProposal]:
         proposal = _shortest(found, held, list(forms[place]))
         if proposal is not None:
             yield proposal
+
+
+def _names_of_one_joint(found: Verdict[Scorer]) -> dict[str, tuple[Effect, ...]]:
+    """Return, by joint, two names and more of it in whose place its map may be.
+
+    Together they may stand for one wave that has no name, over the angles seen.
+    """
+    names: dict[str, list[Effect]] = {}
+    for each in (with_unknown_cause(found, effect) for effect in found.effects):
+        others = each.explanations.smallest_set
+        has_map = any(other.id == JointErrorMap.id and other.of == each.of for other in others)
+        if is_named(each.effect) and has_map:
+            names.setdefault(each.of, []).append(each.effect)
+    return {of: tuple(effects) for of, effects in names.items() if len(effects) > 1}
 
 
 def _with_names_in_rows(found: Verdict[Scorer], nameless: tuple[Effect, ...]) -> tuple[Effect, ...]:

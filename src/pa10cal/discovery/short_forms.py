@@ -154,16 +154,14 @@ class _Judge:
         if self.comparison.noise is not None and self.held is not None:
             reachable = max(noise, float(self.held.sum()))
         gain = self.without - tried.squares
-        enough = max(
-            self.needed,
-            FORMS.standard_errors * standard_error_of_sum(gain),
-            FORMS.least_explained_share * (float(self.without.sum()) - reachable),
-        )
-        if float(gain.sum()) <= enough / errors:
-            return False
+        share = FORMS.least_explained_share * (float(self.without.sum()) - reachable)
+        enough = max(self.needed, share) / errors
         if self.held is not None:
-            return _no_worse(tried.squares, self.held, errors)
-        return tried.total <= FORMS.over_noise * noise * errors
+            # Something is there: what blocks gain by it scatters with its own size.
+            return float(gain.sum()) > enough and self._no_worse(tried, self.held, errors)
+        by_chance = FORMS.standard_errors * standard_error_of_sum(gain) / errors
+        enough = max(enough, by_chance)
+        return float(gain.sum()) > enough and tried.total <= FORMS.over_noise * noise * errors
 
     def equally_good(self, tried: Sequence[_Tried]) -> list[_Tried]:
         """Return the forms that pass and are as good as the best of these, the best first."""
@@ -172,7 +170,15 @@ class _Judge:
             for each in _ranked(tried)
             if self.passes(each) and not _one_is_enough(each, tried, self.needed)
         ]
-        return [each for each in good if _no_worse(each.squares, good[0].squares, FORMS.tie_errors)]
+        return [each for each in good if self._no_worse(each, good[0].squares)]
+
+    def _no_worse(self, tried: _Tried, than: Array, errors: float = 1.0) -> bool:
+        """Return whether a form does as well as what has squares (B,), to within some errors."""
+        lost = tried.squares - than
+        by_chance = np.hypot(standard_error_of_sum(lost), FORMS.chance_squares)
+        gained = float(self.without.sum() - than.sum())
+        most = max(self.needed, FORMS.most_lost_share * gained)
+        return bool(lost.sum() <= min(max(FORMS.tie_errors, errors) * by_chance, errors * most))
 
 
 def choose(
@@ -260,12 +266,6 @@ def _record(
             gain_std=standard_error_of_sum(gain) / total,
         ),
     )
-
-
-def _no_worse(squares: Array, than: Array, errors: float) -> bool:
-    """Return whether squares (B,) of blocks are no larger, to within some standard errors."""
-    lost = squares - than
-    return bool(lost.sum() <= errors * np.hypot(standard_error_of_sum(lost), FORMS.chance_squares))
 
 
 def _one_is_enough(two: _Tried, tried: Sequence[_Tried], needed: float) -> bool:

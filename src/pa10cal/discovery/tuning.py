@@ -166,6 +166,10 @@ class Forms:
     # standard errors within which forms do equally well: the best of many is so by chance, too
     # (level)
     tie_errors: float = 2.0
+    # part of what the better one gains that another may lose and do equally well, where that is
+    # more than an effect must gain: of large gains standard errors are those of their own scatter
+    # (trials)
+    most_lost_share: float = 0.05
     # what squared errors of two right forms are expected to differ by, in squares of the noise
     # (statistics)
     chance_squares: float = 2.0

@@ -1,5 +1,7 @@
 """The shortest formula that does as well: contests by hand, and campaigns that hide one."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -72,6 +74,33 @@ def test_many_orders_have_no_short_form():
     assert choose(made_up_comparison(rough), FORMS, (), 0.01) is None
 
 
+def in_one_large_block(comparison):
+    """Return rows of which three quarters are one block: what it gains is most of the scatter."""
+    rows = np.arange(len(comparison.data))
+    return replace(comparison, block=np.maximum(rows - 150, 0) // 6)
+
+
+def test_a_form_in_place_of_a_map_that_helps_may_gain_unevenly():
+    for seed in (1, 2, 3):
+        even = made_up_comparison(lambda q: 3.0 * np.sin(3.0 * q + 0.4), seed=seed)
+        found = choose(in_one_large_block(even), FORMS, (), 0.01)
+        assert found.form.numbers == (3.0,)
+
+
+def test_a_right_form_may_do_worse_than_a_map_by_two_standard_errors():
+    comparison = made_up_comparison(lambda q: 3.0 * np.sin(3.0 * q + 0.4), seed=19)
+    assert choose(comparison, FORMS, (), 0.01).form.numbers == (3.0,)
+
+
+def test_a_shorter_form_that_loses_a_seventh_is_none_that_does_as_well():
+    def two(q):
+        return 3.0 * np.sin(3.0 * q + 0.4) + 1.2 * np.sin(5.0 * q)
+
+    for seed in (1, 2, 3):
+        comparison = in_one_large_block(made_up_comparison(two, seed=seed))
+        assert choose(comparison, FORMS, (), 0.01).form.form == "two_harmonics"
+
+
 def test_nothing_is_made_of_noise():
     for seed in range(20):
         comparison = made_up_comparison(lambda q: 0.0 * q, seed=seed)
@@ -114,6 +143,23 @@ def test_a_lag_that_goes_with_the_torque_comes_back_as_its_formula():
 def test_nothing_is_proposed_where_nothing_is_missing_or_all_has_a_name(null, wave, eccentric):
     for campaign in (null, wave, eccentric):
         assert proposed(campaign.discovery) == ()
+
+
+@pytest.mark.slow
+def test_two_names_over_part_of_a_turn_are_proposed_as_one_wave(monkeypatch):
+    """Three cycles a turn, which a first and a second wave imitate over the angles seen."""
+
+    def wave(motion):
+        return made_up_survey.at_joint(3, 2e-4 * np.sin(3.0 * motion.q_rad[:, 2] + 1.8))
+
+    monkeypatch.setattr(made_up_survey, "LOW_RAD", -1.4)
+    monkeypatch.setattr(made_up_survey, "HIGH_RAD", 1.4)
+    found = made_up_survey.observe(made_up_survey.Hidden(turn=wave), poses=200).discovery
+    names = [(each.id, each.of) for each in found.effects]
+    assert names == [("encoder_ellipticity", "joint 3"), ("encoder_eccentricity", "joint 3")]
+    assert found.without_name == ()
+    (formula,) = proposed(found)
+    assert (formula.form.form, formula.form.numbers) == ("harmonic", (3.0,))
 
 
 @pytest.mark.slow
