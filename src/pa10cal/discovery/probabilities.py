@@ -15,7 +15,7 @@ from pa10cal.discovery.rules import PROBABILITIES
 from pa10cal.discovery.verdict import Scorer, Verdict
 from pa10cal.fit.levels import by_levels, levels_of_joints, of_position
 from pa10cal.fit.rows_about_fit import RowsAboutFit
-from pa10cal.terms.effects.effect import AtJoint, Effect
+from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint import EncoderEccentricity, EncoderEllipticity, GearRatioError
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
 
@@ -90,7 +90,7 @@ def _plausible_sizes(found: Verdict, effect: Effect) -> float:
     if not is_named(effect) or effect not in extended.effects:
         return 0.0
     lifts = found.context.lifts
-    if lifts is not None and isinstance(effect, AtJoint) and effect.joint < lifts[0]:
+    if lifts is not None and effect.of in (f"joint {joint}" for joint in range(1, lifts[0])):
         return 0.0
     limits = effect.limits_at(extended.at.arm.reach_m)
     if limits.values is not None or limits.turn_rad is not None:

@@ -54,9 +54,7 @@ def levels_of(position: Array, *, turns: bool) -> Array:
 
 def of_position(term: Term) -> bool:
     """Return whether a term is an effect of the position of its joint alone."""
-    if not is_effect(term) or not isinstance(term, AtJoint):
-        return False
-    return term.varies_with == AtJoint.varies_with
+    return is_effect(term) and term.varies_with == AtJoint.varies_with
 
 
 def level_of(position: Array, levels: Array, *, turns: bool) -> Index:
