@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pa10cal.discovery import jacobians
-from pa10cal.discovery.moved_zeros import MovedZeros
+from pa10cal.discovery.nuisances import MovedZeros
 from pa10cal.discovery.preparation import complete, prepared
 
 STEPS = MovedZeros(

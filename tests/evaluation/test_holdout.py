@@ -17,7 +17,7 @@ from made_up_poses import at_rest, measured_poses
 from pa10cal.arm.chain import Chain
 from pa10cal.calibration.general.calibrate import calibrate_general, find_start
 from pa10cal.calibration.general.case import fitted
-from pa10cal.discovery.moved_zeros import MovedZeros
+from pa10cal.discovery.nuisances import MovedZeros
 from pa10cal.discovery.preparation import MeasurementSetup
 from pa10cal.discovery.verdict_records import Extended
 from pa10cal.errors import CalibrationError

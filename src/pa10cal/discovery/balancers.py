@@ -11,7 +11,7 @@ from typing import TypeVar
 import numpy as np
 from scipy.special import logsumexp
 
-from pa10cal.discovery.finding import Finding, Rival
+from pa10cal.discovery.finding import Finding, Rival, is_named
 from pa10cal.discovery.no_harm import worse_than
 from pa10cal.discovery.probabilities import with_unknown_cause
 from pa10cal.discovery.refitted_verdict import fitted_instead, instead, with_findings
@@ -19,14 +19,11 @@ from pa10cal.discovery.rules import EVIDENCE, NAMES, PROBABILITIES
 from pa10cal.discovery.verdict import Scorer, Verdict
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.terms.effects.effect import Effect
-from pa10cal.terms.effects.joint import EncoderEccentricity, EncoderEllipticity, GearRatioError
+from pa10cal.terms.effects.joint import EncoderEccentricity
 from pa10cal.terms.effects.structure import Balancer
 from pa10cal.terms.joint_spring import JointSpring, is_spring
 
 S = TypeVar("S", bound=Scorer)
-
-#: Names of smooth errors of a joint's angle, of which a balancer may look like several at once.
-_BY_ANGLE = (EncoderEccentricity.id, EncoderEllipticity.id, GearRatioError.id)
 
 
 def with_balancers(found: Verdict[S]) -> Verdict[S]:
@@ -91,9 +88,14 @@ def _nats_by_sizes(
     return float(nats[1] - nats[0])
 
 
+def _is_curve(effect: Effect) -> bool:
+    """Return whether an effect names a curve of an angle: a balancer may look like several."""
+    return bool(effect.curve_of) and is_named(effect)
+
+
 def _in_place_of_several(found: Verdict[S], balancer: Balancer) -> Verdict[S]:
     """Return a verdict with a balancer in place of two and more names of its joint, if as good."""
-    names = [each for each in found.findings if each.of == balancer.of and each.id in _BY_ANGLE]
+    names = [each for each in found.findings if each.of == balancer.of and _is_curve(each.effect)]
     if len(names) < 2:
         return found
 
@@ -106,7 +108,7 @@ def _in_place_of_several(found: Verdict[S], balancer: Balancer) -> Verdict[S]:
     alone = likeliest.exchanged_for(balancer)
     rivals = tuple(
         replace(each, prior_odds=each.prior_odds * PROBABILITIES.second)
-        if each.effect.id in _BY_ANGLE
+        if _is_curve(each.effect)
         else each
         for each in alone.rivals
     )

@@ -36,7 +36,7 @@ from pa10cal.discovery.near_poses import noise_of_near_poses
 from pa10cal.discovery.no_harm import limits, only_within, worse_than
 from pa10cal.discovery.position_errors import mean_noise_error_mm
 from pa10cal.discovery.preparation import MeasurementSetup, Prepared, complete, context_of, prepared
-from pa10cal.discovery.probabilities import with_levels_held_out, with_likely_alternatives
+from pa10cal.discovery.probabilities import with_likely_alternatives
 from pa10cal.discovery.proposals import with_lines_named, with_proposals
 from pa10cal.discovery.refitted_verdict import without_names
 from pa10cal.discovery.repeats import enough_repeats, repeated
@@ -100,7 +100,6 @@ def discover(
     found = _since_joint_steps(_judged(campaign, model), every, model, faults)
     found = _without_influential_poses(found, model)
     if is_sought(found):
-        found = with_levels_held_out(found)
         found = with_lines_named(with_proposals(_likelier(found, gated(found))))
         found = _with_campaigns_compared(found)
     found = with_likely_alternatives(with_predicted(with_compliance(found)))
@@ -220,7 +219,7 @@ def _likelier(found: Verdict[S], passed: Verdict[S]) -> Verdict[S]:
     """
     candidate = found.scorer.likelier(found) if found.weights_assumed else None
     if candidate is not None:
-        likelier = gated(with_levels_held_out(candidate))
+        likelier = gated(candidate)
         falls_back = likelier.falls_back is not None and passed.falls_back is None
         if not (falls_back or likelier.verdict == "check_the_log"):
             return likelier

@@ -22,7 +22,7 @@ from pa10cal.discovery.in_time import grows_instead
 from pa10cal.discovery.no_harm import harmed, harmless, worse_than
 from pa10cal.discovery.position_errors import mean_noise_error_mm
 from pa10cal.discovery.preparation import Prepared
-from pa10cal.discovery.probabilities import with_unknown_cause
+from pa10cal.discovery.probabilities import with_levels_held_out, with_unknown_cause
 from pa10cal.discovery.refitted_verdict import (
     finding_of,
     fitted_instead,
@@ -64,7 +64,7 @@ AGAINST_NONE_BY_REPEATS = (*AGAINST_NONE, "incomplete")
 
 def gated(found: Verdict[S]) -> Verdict[S]:
     """Return a verdict with names that pass the checks, or a `none` that passes its own."""
-    found = _with_names_that_pass(with_balancers(found))
+    found = _with_names_that_pass(with_balancers(with_levels_held_out(found)))
     found = _with_one_kind(_with_likeliest_names(found))
     found = _without_unproven_statements(_without_unlikely_names(found))
     found = _without_names_that_move_nothing(_with_other_leads(with_cable_torques(found)))

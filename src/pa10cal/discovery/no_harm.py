@@ -13,7 +13,6 @@ from dataclasses import replace
 from typing import NamedTuple, TypeVar
 
 import numpy as np
-from scipy.stats import chi2
 
 from pa10cal.arrays import Mask
 from pa10cal.calibration.accuracy import summarise
@@ -25,6 +24,7 @@ from pa10cal.discovery.refitted_verdict import without_names
 from pa10cal.discovery.rules import NAMES
 from pa10cal.discovery.verdict import Basis, Scorer, Verdict
 from pa10cal.fit.fitted import FallBack
+from pa10cal.fit.repeatability import is_chance
 from pa10cal.fit.validity import AngleCoverage, nothing_seen, span_visited
 from pa10cal.observe.observations import average_repeats
 from pa10cal.observe.paths import HeldOutPlaces
@@ -340,6 +340,5 @@ def _is_beyond(ratio: float, found: Verdict, gap: PairedErrors, rows: Mask) -> b
     expected_mm = np.hypot(floor_mm, 1e3 * np.sqrt(variance.mean()))
     # The error of a pose has no more than three independent components, however many targets.
     components = len(poses) * min(3, len(poses.measured.position_columns))
-    by_chance = np.sqrt(chi2.isf(found.error_rate, components) / components)
-    after_mm = summarise(gap.found_after, rows).rms_mm
-    return bool(after_mm > max(ratio, by_chance) * expected_mm)
+    over = summarise(gap.found_after, rows).rms_mm / float(expected_mm)
+    return over > ratio and not is_chance(over**2, components)

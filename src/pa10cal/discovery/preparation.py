@@ -17,7 +17,7 @@ from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.description import CampaignDescription
 from pa10cal.discovery.finding import Untestable
 from pa10cal.discovery.log_faults import DiagnosedFault, faults_of_input
-from pa10cal.discovery.moved_zeros import MovedZeros
+from pa10cal.discovery.nuisances import MovedZeros
 from pa10cal.discovery.row_faults import held_out_faults, row_faults
 from pa10cal.discovery.rules import CANDIDATES, MAPS, NOISE
 from pa10cal.errors import CalibrationError

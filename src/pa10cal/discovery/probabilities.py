@@ -16,8 +16,6 @@ from pa10cal.discovery.verdict import Scorer, Verdict
 from pa10cal.fit.levels import by_levels, levels_of_joints, of_position
 from pa10cal.fit.rows_about_fit import RowsAboutFit
 from pa10cal.terms.effects.effect import Effect
-from pa10cal.terms.effects.joint import EncoderEccentricity, EncoderEllipticity, GearRatioError
-from pa10cal.terms.effects.joint_error_map import JointErrorMap
 
 S = TypeVar("S", bound=Scorer)
 F = TypeVar("F", bound=Finding)
@@ -66,18 +64,11 @@ def _causes_beside(found: Verdict, finding: Finding) -> int:
     Eccentric and elliptic are one sensor. What needs several parts of a joint to err at once may be
     one curve without a name, as of a pack of cables that pulls. Lines of gears are no such curves.
     """
-    sensor = EncoderEccentricity.id, EncoderEllipticity.id
-
-    def cause_of(effect: Effect) -> str | None:
-        curve = effect.id in (*sensor, GearRatioError.id, JointErrorMap.id)
-        if not curve or effect.of != finding.of or not effect.coordinates[0].startswith("theta"):
-            return None
-        return sensor[0] if effect.id in sensor else effect.id
-
-    own = cause_of(finding.effect)
-    if own is None or not is_named(finding.effect):
+    own = finding.effect.curve_of
+    if not own or not is_named(finding.effect):
         return 0
-    return len({cause_of(each.effect) for each in found.findings} - {None, own})
+    causes = {each.effect.curve_of for each in found.findings if each.of == finding.of}
+    return len(causes - {"", own})
 
 
 def _plausible_sizes(found: Verdict, effect: Effect) -> float:

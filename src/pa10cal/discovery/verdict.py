@@ -37,7 +37,7 @@ from pa10cal.discovery.log_faults import (
     log_is_to_be_checked,
 )
 from pa10cal.discovery.model_with_effects import ModelWithEffects, with_targets_off
-from pa10cal.discovery.moved_zeros import MovedZeros
+from pa10cal.discovery.nuisances import MovedZeros
 from pa10cal.discovery.pose_scatter import PoseDeviations
 from pa10cal.discovery.preparation import Prepared, complete
 from pa10cal.discovery.proof import ComplianceProof

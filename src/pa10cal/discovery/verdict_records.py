@@ -11,7 +11,7 @@ from pa10cal.calibration.two_level_problem import report_base
 from pa10cal.calibration.uncertainty import reported_keys
 from pa10cal.discovery.finding import name_of, not_testable
 from pa10cal.discovery.log_faults import steps_told
-from pa10cal.discovery.moved_zeros import MovedZeros
+from pa10cal.discovery.nuisances import MovedZeros
 from pa10cal.discovery.rules import JUDGING, decisions
 from pa10cal.discovery.sessions import is_moved_in_order
 from pa10cal.discovery.verdict import NOTHING_PLANNED, Plan, Verdict, is_sought

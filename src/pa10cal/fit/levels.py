@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import NamedTuple, TypeGuard
 
 import numpy as np
 
@@ -52,7 +52,7 @@ def levels_of(position: Array, *, turns: bool) -> Array:
     return first + np.array([part.mean() for part in parts])
 
 
-def of_position(term: Term) -> bool:
+def of_position(term: Term) -> TypeGuard[Effect]:
     """Return whether a term is an effect of the position of its joint alone."""
     return is_effect(term) and term.varies_with == AtJoint.varies_with
 
@@ -92,24 +92,10 @@ def by_levels(
     number = level_of(position, levels, turns=not model.arm.prismatic[joint])
     groups = [np.flatnonzero(number == k) for k in range(1, len(levels) - 1)]
     of_joint = [
-        term
-        for term in model.model.terms
-        if is_effect(term) and of_position(term) and term.of == f"joint {joint + 1}"
+        term for term in model.model.terms if of_position(term) and term.of == f"joint {joint + 1}"
     ]
     effects = [term for term in of_joint if not term.at_knots]
-    with_effects = rows.from_zero(model, effects, held=False)
-    held_out = [with_effects.held_out_mm2(out) for out in groups]
-    errors_mm2, expected_mm2 = (np.concatenate(each) for each in zip(*held_out, strict=True))
-    out = np.concatenate(groups)
-    trust = rows.trust[out]
-    if found is not None:
-        expected_mm2 += found.error_at_mm(poses.states.q_rad[out]) ** 2
-    error_mm2, usual_mm2 = (
-        float(np.average(each, weights=trust)) for each in (errors_mm2, expected_mm2)
-    )
-    over_mm2 = max(error_mm2 - usual_mm2, 0.0)
-    if is_chance(error_mm2 / usual_mm2, len(trust)):
-        over_mm2 = 0.0
+    over_mm2 = _held_out_mm2(rows.from_zero(model, effects, held=False), poses, groups, found)
     if found is not None:
         for term in of_joint:
             if term.at_knots:
@@ -123,9 +109,9 @@ def by_levels(
     odds = LEVELS.odds
     if (free := _free(levels, effects)) > 0:
         # How large the errors of either are is not known: those of levels show it.
-        by_levels = [np.flatnonzero(number == k) for k in range(len(levels))]
+        at_levels = [np.flatnonzero(number == k) for k in range(len(levels))]
         of_levels, of_levels_without = (
-            sum(_beyond_noise_mm2(rows, each, out) for out in by_levels)
+            sum(_beyond_noise_mm2(rows, each, out) for out in at_levels)
             for each in (left_mm2, left_without_mm2)
         )
         ratio = of_levels_without / (len(levels) - 1) / (of_levels / free)
@@ -135,6 +121,31 @@ def by_levels(
         between = _between_share(model, effects, poses, number)
         over_mm2 = max(over_mm2, LEVELS.of_both * between * explained_mm2)
     return ByLevels(odds, over_mm2)
+
+
+def _held_out_mm2(
+    fitted: RowsAboutFit,
+    poses: Observations,
+    levels: Sequence[Index],
+    found: Discrepancy | None,
+) -> float:
+    """Return the mean squared error of levels held out, beyond what the fit without each expects.
+
+    Args:
+        levels: the poses of each.
+        found: what the model lacks whatever the levels; None for nothing.
+    """
+    held_out = [fitted.held_out_mm2(out) for out in levels]
+    errors_mm2, expected_mm2 = (np.concatenate(each) for each in zip(*held_out, strict=True))
+    out = np.concatenate(levels)
+    if found is not None:
+        expected_mm2 += found.error_at_mm(poses.states.q_rad[out]) ** 2
+    error_mm2, usual_mm2 = (
+        float(np.average(each, weights=fitted.trust[out])) for each in (errors_mm2, expected_mm2)
+    )
+    if is_chance(error_mm2 / usual_mm2, len(out)):
+        return 0.0
+    return max(error_mm2 - usual_mm2, 0.0)
 
 
 def _between_share(

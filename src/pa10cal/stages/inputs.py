@@ -11,7 +11,7 @@ from pa10cal.arm.description import Arm
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.description import CampaignDescription, read_description
 from pa10cal.campaign.table import arm_of, read_observations
-from pa10cal.discovery.moved_zeros import MovedZeros
+from pa10cal.discovery.nuisances import MovedZeros
 from pa10cal.discovery.verdict_records import Extended
 from pa10cal.fit.covariance_file import covariance_beside
 from pa10cal.fit.fitted_model import FittedModel

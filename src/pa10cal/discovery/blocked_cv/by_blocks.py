@@ -38,10 +38,9 @@ from pa10cal.discovery.gap import PairedErrors, errors_of, gap
 from pa10cal.discovery.jacobians import WhitenedPoses
 from pa10cal.discovery.joint_steps import JointSteps
 from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit
-from pa10cal.discovery.moved_zeros import MovedZeros
 from pa10cal.discovery.next_poses import poses_at_unseen_angles, separating_poses, unresolved_pairs
 from pa10cal.discovery.noise import Noise
-from pa10cal.discovery.nuisances import motion_unexplained
+from pa10cal.discovery.nuisances import MovedZeros, motion_unexplained
 from pa10cal.discovery.pose_scatter import AS_FOUND, PoseDeviations, scatter_of, share_inside
 from pa10cal.discovery.position_errors import mean_noise_error_mm
 from pa10cal.discovery.preparation import Prepared, complete

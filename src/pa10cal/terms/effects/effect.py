@@ -208,6 +208,8 @@ class Effect(Traits):
     role_in_search: ClassVar[RoleInSearch] = "candidate"
     #: Whether it is a part of the move before each pose: of the log, so that no robot moves by it.
     of_moves: ClassVar[bool] = False
+    #: What makes it, where it is a curve of the joint's angle: sensor, gear or joint.
+    curve_of: ClassVar[str] = ""
     #: Whether it moves the link before its joint, for which `discovery/given` lets that link bend.
     on_link_before: ClassVar[bool] = False
 

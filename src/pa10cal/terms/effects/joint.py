@@ -50,6 +50,7 @@ class GearRatioError(effect.JointEffect):
     clauses = ("the gear ratio of {at} is off", "the gear ratios of {at} are off")
     words = "{0.coordinates[0]} += eps q_{0.joint}"
     reported = (TermParameter("eps", "1", 1e-5, plausible=3e-4),)
+    curve_of = "gear"
 
     @property
     def as_scale_of_instrument(self) -> bool:
@@ -298,6 +299,7 @@ class EncoderEccentricity(JointHarmonic):
         "the position sensors of {at} are off centre",
     )
     order_stated = 1.0
+    curve_of = "sensor"
 
 
 @dataclass(frozen=True)
@@ -311,6 +313,7 @@ class EncoderEllipticity(JointHarmonic):
         "the position sensors of {at} err twice a turn",
     )
     order_stated = 2.0
+    curve_of = "sensor"
 
 
 # A periodic error whose number of cycles a turn is found from the data; of gears `gear_line`.

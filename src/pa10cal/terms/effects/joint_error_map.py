@@ -107,6 +107,7 @@ class JointErrorMap(JointEffect):
         "{at} turn wrongly by amounts that depend on their angles",
     )
     at_knots = True
+    curve_of = "joint"
     words = (
         "theta_{0.joint} += periodic cubic spline of q_{0.joint} through the knots, "
         "knot k at 2 pi k / {0.knots}"
@@ -220,6 +221,7 @@ class SensorError(JointErrorMap):
     knots: int = FINE
     spectrum: Spectrum | None = TYPICAL
     id = "sensor_error"
+    curve_of = ""
     sits = "driven joint"
     nouns = ("sensor", "sensors")
     clauses = (
@@ -237,6 +239,7 @@ class GearError(JointErrorMap):
     knots: int = FINE
     spectrum: Spectrum | None = TYPICAL
     id = "gear_error"
+    curve_of = ""
     sits = "driven joint"
     nouns = ("gear", "gears")
     clauses = ("the gear of {at} is uneven", "the gears of {at} are uneven")
