@@ -16,8 +16,11 @@ from pa10cal.fit.rows_about_fit import RowsAboutFit
 from pa10cal.fit.validity import Discrepancy
 from pa10cal.interface import calibrate, read_campaign
 from pa10cal.numerics.gaussian import Gaussian
+from pa10cal.observe.arrivals import with_arrivals
 from pa10cal.observe.observations import average_repeats
+from pa10cal.terms.effects.arrivals import AlongMove
 from pa10cal.terms.field import embedded
+from pa10cal.terms.model import Model
 from pa10cal_lab.cell.options import HiddenEffectOptions, SimulateOptions, TrackerOptions
 
 SOME = Discrepancy(
@@ -165,6 +168,23 @@ def test_repeats_show_how_far_off_a_single_approach_is(complete, arm_mm, gross, 
     np.testing.assert_allclose(
         at_poses.error_at_mm(poses.states.q_rad), repeatability_mm(model, readings)
     )
+
+
+def test_what_is_left_to_the_log_may_be_the_way_an_arm_arrives(complete):
+    campaign, model = complete
+    poses = with_arrivals(campaign.observations.of_kind("grid"))[0]
+    poses = model.as_modelled(average_repeats(poses))
+    along = AlongMove("arm", tuple(range(1, 7)))
+    chain, terms = model.model.chain, (*model.model.terms, along)
+    x = np.append(model.x, 4e-4)
+    late = replace(model, model=Model(chain, terms), x=x, covariance=None)
+    q_rad, off_rad = poses.states.q_rad, 4e-4 * poses.states.move_share
+    places_m = [model.predict(q).T[:, :3, 3] for q in (q_rad, q_rad + off_rad)]
+    off_mm = 1e3 * np.linalg.norm(places_m[1] - places_m[0], axis=1)
+    np.testing.assert_array_equal(late.predict(q_rad).T, model.predict(q_rad).T)
+    found = discrepancy_of(late, poses)
+    assert found.repeatability_mm == pytest.approx(np.sqrt(np.mean(off_mm**2)), rel=0.01)
+    assert discrepancy_of(model, poses).repeatability_mm == 0.0
 
 
 def test_of_a_complete_model_little_is_lacking(complete):

@@ -9,7 +9,9 @@ Components count by how certainly noise lets their squares be known, since those
 would hide all others. Readings beyond the tails of the others count less, the farther they are: a
 gross error is no property of the model. Springs that were fitted to logged torques are judged as
 they predict, by the torques of the weights: noise of the log moves the poses of a fit, and no
-prediction.
+prediction. What a fit takes for an error of the log predictions leave out. A log of another instant
+and an arm that stands off its place along its last move show the same, and nobody knows how a pose
+to be predicted will be reached: all of it counts.
 """
 
 from __future__ import annotations
@@ -78,6 +80,7 @@ def discrepancy_of(
         if readings:
             readings = under_weights(of_fit, readings)[1]
     of_repeats_mm = 0.0 if readings is None else repeatability_mm(model, readings)
+    by_moves_mm = _left_to_log_mm(model, poses)
     poses = poses.thinned_by_pose(LACK.most_poses)
     _, label = np.unique(poses.pose, return_inverse=True)
     count = int(label.max()) + 1
@@ -112,7 +115,7 @@ def discrepancy_of(
         distance_m=steps_m,
         error_mm=np.sqrt(mean_mm2),
         near_m=held_out.near_m,
-        repeatability_mm=of_repeats_mm,
+        repeatability_mm=float(np.hypot(of_repeats_mm, by_moves_mm)),
     )
     found = with_levels(found, model, rows, poses)
     if kept_apart is None or not len(kept_apart):
@@ -121,9 +124,21 @@ def discrepancy_of(
     apart = apart.with_repeatability(of_repeats_mm, kept_apart.readings).with_noise_by(
         rows.of_noise
     )
-    of_mean = replace(found, repeatability_mm=0.0)  # readings are averaged
+    # Readings are averaged, and their moves known.
+    of_mean = replace(found, repeatability_mm=0.0)
     more_mm2 = _beyond_promised_mm2(model, of_mean, apart, kept_apart.states.q_rad)
     return replace(found, error_mm=np.sqrt(mean_mm2 + more_mm2))
+
+
+def _left_to_log_mm(model: Fitted, poses: Observations) -> float:
+    """Return how far what the log errs by puts the end off, rms over poses [mm]."""
+    of_log = [term for term in model.model.terms if term.error_of == "log"]
+    if not of_log:
+        return 0.0
+    x = model.x.copy()
+    x[model.model.parameter_indices(*of_log)] = 0.0
+    off_m = (model.model.predict(poses.states, at)[:, :3, 3] for at in (model.x, x))
+    return 1e3 * float(np.sqrt(np.mean(np.sum(np.subtract(*off_m) ** 2, axis=1))))
 
 
 class _HeldOut(NamedTuple):

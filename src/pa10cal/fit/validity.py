@@ -217,7 +217,8 @@ class Discrepancy:
     distance_m: Array  # (m,) distances from the nearest pose at which it was estimated, ascending
     error_mm: Array  # (m,) root mean square of the position error there, non-decreasing
     near_m: float  # a pose within this distance is near those measured
-    # position of a single approach beyond the mean of many, rms, beyond what the instrument states
+    # position of a single approach beyond the mean of many, rms, beyond what the instrument states;
+    # what goes along the moves to poses, and is left to the log, included
     repeatability_mm: float = 0.0
     # levels of each joint that stood at few only, ascending, (0,) of others; () of none
     levels: tuple[Array, ...] = ()

@@ -46,6 +46,15 @@ def test_it_moves_no_robot_in_predictions(late):
 
 
 @pytest.mark.slow
+def test_an_arm_that_arrives_so_is_within_what_is_promised(late):
+    states = late.holdout.poses.states
+    moved = [states.q_rad + sign * AHEAD_RAD * states.move_share for sign in (0.0, 1.0)]
+    off_mm = 1e3 * np.linalg.norm(np.subtract(*[late.model.predict(q).T for q in moved])[:, :3, 3])
+    off_mm /= np.sqrt(len(states))
+    assert np.mean(late.model.predict(states.q_rad).u_mm) > 0.9 * off_mm
+
+
+@pytest.mark.slow
 def test_lost_motion_of_a_joint_is_not_called_so():
     found = observe(hidden(SimulatedBacklash(b=3e-4), "joint 2")).discovery
     assert [(each.id, each.of) for each in found.effects] == [("backlash", "joint 2")]
