@@ -26,7 +26,8 @@ from pa10cal.frame.point_fits import fit_rigid, pose_by_source
 from pa10cal.observe.observations import Observations, average_repeats
 from pa10cal.observe.pose import Pose
 from pa10cal.options import Tolerances
-from pa10cal.terms.effects.effect import Effect, candidates
+from pa10cal.terms.effects.effect import Effect
+from pa10cal.terms.effects.vocabulary import candidates
 from pa10cal.terms.joint_spring import baseline
 from pa10cal.terms.model import Model
 

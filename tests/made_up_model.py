@@ -18,7 +18,7 @@ from pa10cal.fit.fitted import FittedTo
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.validity import AngleCoverage
 from pa10cal.options import Tolerances
-from pa10cal.terms.effects.effect import candidates
+from pa10cal.terms.effects.vocabulary import candidates
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
 from pa10cal.terms.offsets import link_departures, tool_frame

@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 from pa10cal.arm.statics import CarriedWeights, ObservedTargets, PoseStates, StaticLoads
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
-from pa10cal.terms.effects.effect import CandidateContext
+from pa10cal.terms.effects.context import CandidateContext
 
 
 def nothing(*values):

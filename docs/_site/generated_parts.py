@@ -57,7 +57,7 @@ def _value(action: argparse.Action) -> str:
 def effects() -> str:
     """Return a section for every effect that can be named, from its class."""
     from pa10cal.files.arms import load_arm
-    from pa10cal.terms.effects.effect import vocabulary_of
+    from pa10cal.terms.effects.vocabulary import vocabulary_of
 
     return "\n\n".join(_effect(places) for places in vocabulary_of(load_arm("pa10_6ce")))
 
@@ -92,7 +92,7 @@ def _sign(effect: Any, reported: list[str]) -> str:
 
 def rivals() -> str:
     """Return a table of the effects without a name."""
-    from pa10cal.terms.effects.effect import every_effect
+    from pa10cal.terms.effects.vocabulary import every_effect
 
     rows = [
         f"| `{kind.id}` | {_text(kind).splitlines()[0].removesuffix('.')} |"

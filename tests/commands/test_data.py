@@ -16,7 +16,7 @@ from pa10cal.arm.urdf_writing import urdf_text
 from pa10cal.commands.command_line import REFUSED, run_command
 from pa10cal.errors import ArmError
 from pa10cal.files.arms import arm_names, load_arm, urdf_of_arm
-from pa10cal.terms.effects.effect import every_effect
+from pa10cal.terms.effects.vocabulary import every_effect
 
 
 @pytest.fixture

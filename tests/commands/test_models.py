@@ -32,8 +32,8 @@ from pa10cal.fit.validity import AngleCoverage, nothing_seen
 from pa10cal.options import Tolerances
 from pa10cal.results.codec import read
 from pa10cal.results.comparison import ComparisonRecord
-from pa10cal.terms.effects.effect import candidates
 from pa10cal.terms.effects.joint import Backlash
+from pa10cal.terms.effects.vocabulary import candidates
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.offsets import link_departures
 

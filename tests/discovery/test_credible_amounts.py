@@ -11,9 +11,9 @@ from made_up_poses import context_of, states_of
 from pa10cal.discovery.credible_amounts import reasons_against_amounts
 from pa10cal.discovery.refitted_verdict import finding_of, instead, too_many_others, unfit
 from pa10cal.files.arms import load_arm
-from pa10cal.terms.effects.effect import candidates
 from pa10cal.terms.effects.joint import SoftWindup
 from pa10cal.terms.effects.structure import AxisWobble, BaseCompliance, LateralCompliance
+from pa10cal.terms.effects.vocabulary import candidates
 
 ARM = load_arm("pa10_6ce")
 BASE = BaseCompliance("base")

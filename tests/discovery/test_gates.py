@@ -21,9 +21,9 @@ from pa10cal.discovery.refitted_verdict import unfit, with_findings, without_nam
 from pa10cal.discovery.rules import NAMES
 from pa10cal.files.arms import load_arm
 from pa10cal.terms.effects.arrivals import AlongMove
-from pa10cal.terms.effects.effect import candidates
 from pa10cal.terms.effects.joint import Backlash, GearRatioError
 from pa10cal.terms.effects.over_time import BaseDrift
+from pa10cal.terms.effects.vocabulary import candidates
 from pa10cal.terms.weights import GravityStated
 
 

@@ -18,7 +18,7 @@ from pa10cal.discovery.nuisances import NO_MOTION, Wander, motion_unexplained
 from pa10cal.discovery.pose_scatter import unweighted
 from pa10cal.discovery.preparation import Prepared
 from pa10cal.discovery.repeats import same_circumstances
-from pa10cal.terms.effects.effect import candidates
+from pa10cal.terms.effects.vocabulary import candidates
 
 # Where poses are repeated.
 

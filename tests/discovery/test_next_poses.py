@@ -32,7 +32,8 @@ from pa10cal.files.arms import load_arm
 from pa10cal.fit.validity import AngleCoverage, angles_seen
 from pa10cal.options import DiscoveryOptions
 from pa10cal.rules import ANGLES
-from pa10cal.terms.effects.effect import Effect, candidates
+from pa10cal.terms.effects.effect import Effect
+from pa10cal.terms.effects.vocabulary import candidates
 from pa10cal.terms.term import yields
 
 ARM = load_arm("pa10_6ce")

@@ -14,7 +14,6 @@ from made_up_poses import context_of
 from pa10cal.errors import TermError
 from pa10cal.files.arms import arm_names, load_arm
 from pa10cal.options import Tolerances
-from pa10cal.terms.effects.effect import candidates, every_effect
 from pa10cal.terms.effects.gear_line import GearLine
 from pa10cal.terms.effects.joint_error_map import (
     BandPrior,
@@ -23,6 +22,7 @@ from pa10cal.terms.effects.joint_error_map import (
     JointErrorMap,
     SensorError,
 )
+from pa10cal.terms.effects.vocabulary import candidates, every_effect
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.offsets import base_frame, link_departures
 from pa10cal.terms.plain import term_from_plain, term_kinds, term_to_plain

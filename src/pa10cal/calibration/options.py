@@ -35,7 +35,7 @@ class EffectOfPlace(Section):
     @field_validator("id")
     @classmethod
     def _known(cls, name: str) -> str:
-        from pa10cal.terms.effects.effect import every_effect  # late: it needs numpy
+        from pa10cal.terms.effects.vocabulary import every_effect  # late: it needs numpy
 
         known = [effect.id for effect in every_effect()]
         if name not in known:

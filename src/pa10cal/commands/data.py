@@ -439,7 +439,7 @@ def effects(*, robot: str = "pa10_6ce") -> None:
         pa10cal effects --robot iiwa14
     """
     from pa10cal.files.arms import arm_asked
-    from pa10cal.terms.effects.effect import vocabulary_of
+    from pa10cal.terms.effects.vocabulary import vocabulary_of
 
     arm = arm_asked(robot)
     print("| effect | meaning | sits at | formula | parameters | expected size |")

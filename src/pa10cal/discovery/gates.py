@@ -45,7 +45,8 @@ from pa10cal.observe.observations import Observations
 from pa10cal.observe.time_order import covariates, measured_again, slow_joints
 from pa10cal.results.discovery import Unexplained
 from pa10cal.terms.effects.arrivals import AlongMove, ArrivalError
-from pa10cal.terms.effects.effect import Effect, turning_joints
+from pa10cal.terms.effects.context import turning_joints
+from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint import Backlash, GearRatioError
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
 from pa10cal.terms.effects.over_time import BaseDrift, ThermalGrowth

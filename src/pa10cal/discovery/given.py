@@ -62,14 +62,10 @@ from pa10cal.results.calibration import (
 )
 from pa10cal.results.evaluation import BeforeAfter, ResidualRows
 from pa10cal.results.record import CampaignIdentity
-from pa10cal.terms.effects.effect import (
-    CandidateContext,
-    Effect,
-    every_effect,
-    everywhere_but,
-    is_effect,
-)
+from pa10cal.terms.effects.context import CandidateContext
+from pa10cal.terms.effects.effect import Effect, is_effect
 from pa10cal.terms.effects.gear_line import GearLine
+from pa10cal.terms.effects.vocabulary import every_effect, everywhere_but
 from pa10cal.terms.term import Report, Role
 from pa10cal.terms.wording import parameters_text
 

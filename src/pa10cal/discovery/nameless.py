@@ -27,7 +27,9 @@ from pa10cal.fit.rows_about_fit import RowsAboutFit
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
-from pa10cal.terms.effects.effect import CandidateContext, Effect, every_effect, everywhere_but
+from pa10cal.terms.effects.context import CandidateContext
+from pa10cal.terms.effects.effect import Effect
+from pa10cal.terms.effects.vocabulary import every_effect, everywhere_but
 from pa10cal.terms.field import Nameless
 from pa10cal.terms.model import Model
 from pa10cal.terms.offsets import base_frame, tool_frame

@@ -27,7 +27,7 @@ from pa10cal.numerics.covariances import whitener_of
 from pa10cal.observe.observations import Observations
 from pa10cal.results.discovery import MovedZero, Unexplained
 from pa10cal.results.number_text import plain_number
-from pa10cal.terms.effects.effect import CandidateContext, turning_joints
+from pa10cal.terms.effects.context import CandidateContext, turning_joints
 
 
 class Nuisance(ABC):

@@ -29,8 +29,10 @@ from pa10cal.observe.observations import Observations, average_repeats, reading_
 from pa10cal.observe.quantities import MM
 from pa10cal.options import DiscoveryOptions
 from pa10cal.results.discovery import SuspectedReading
-from pa10cal.terms.effects.effect import CandidateContext, Effect, candidates
+from pa10cal.terms.effects.context import CandidateContext
+from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import is_error_map
+from pa10cal.terms.effects.vocabulary import candidates
 from pa10cal.terms.joint_spring import is_spring
 from pa10cal.terms.term import Term, shows_torque
 from pa10cal.terms.weights import fault_candidates, holds_weights, is_fault

@@ -15,7 +15,8 @@ from pa10cal.discovery.rules import CANDIDATES
 from pa10cal.discovery.short_forms import FormulaProposal, choose
 from pa10cal.discovery.tuning import FORMS
 from pa10cal.discovery.verdict import Scorer, Verdict
-from pa10cal.terms.effects.effect import Effect, joint_of, turning_joints
+from pa10cal.terms.effects.context import joint_of, turning_joints
+from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint import PeriodicError
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
 from pa10cal.terms.forms.catalogue import all_around, forms_at

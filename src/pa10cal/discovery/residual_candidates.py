@@ -35,11 +35,13 @@ from pa10cal.numerics.periodic_spline import b_splines_by_knots
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.time_order import may_show_changes, spread_over_time
 from pa10cal.rules import ORDER
-from pa10cal.terms.effects.effect import CandidateContext, Effect, every_effect, static_loads_in
+from pa10cal.terms.effects.context import CandidateContext
+from pa10cal.terms.effects.effect import Effect, static_loads_in
 from pa10cal.terms.effects.gear_line import GearLine
 from pa10cal.terms.effects.joint_error_map import is_error_map
 from pa10cal.terms.effects.slide import DEGREES, SlideError
 from pa10cal.terms.effects.structure import AxisWobble, LateralCompliance
+from pa10cal.terms.effects.vocabulary import every_effect
 from pa10cal.terms.effects.warm_up import WarmsUp, warm_ups
 from pa10cal.terms.forms.catalogue import all_around
 

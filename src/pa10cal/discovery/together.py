@@ -34,14 +34,10 @@ from pa10cal.fit.problem import possible_sizes
 from pa10cal.fit.uncertain_weights import weight_sizes
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.observations import Observations
-from pa10cal.terms.effects.effect import (
-    CandidateContext,
-    Effect,
-    every_effect,
-    everywhere_but,
-    is_effect,
-)
+from pa10cal.terms.effects.context import CandidateContext
+from pa10cal.terms.effects.effect import Effect, is_effect
 from pa10cal.terms.effects.joint import JointCompliance
+from pa10cal.terms.effects.vocabulary import every_effect, everywhere_but
 from pa10cal.terms.joint_spring import JointSpring, is_spring
 from pa10cal.terms.model import Model
 from pa10cal.terms.term import Term

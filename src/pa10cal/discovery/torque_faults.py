@@ -29,7 +29,7 @@ from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.observations import Observations
 from pa10cal.results.discovery import EvidenceByTorques
 from pa10cal.rules import MASSES
-from pa10cal.terms.effects.effect import CandidateContext
+from pa10cal.terms.effects.context import CandidateContext
 from pa10cal.terms.effects.joint import FalseTorque, FrictionTorque, TorqueGain
 from pa10cal.terms.weights import WeightStated, fault_candidates
 

@@ -54,7 +54,8 @@ from pa10cal.results.calibration import EffectByCampaign, InputFinding
 from pa10cal.results.discovery import Explained, Separation, SuggestedPose, Unexplained
 from pa10cal.results.discovery import Verdict as Word
 from pa10cal.results.maps import JointWitness
-from pa10cal.terms.effects.effect import CandidateContext, Effect
+from pa10cal.terms.effects.context import CandidateContext
+from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import is_error_map
 from pa10cal.terms.weights import is_fault
 

@@ -23,7 +23,8 @@ from pa10cal.numerics.pose_sets import covariance_root
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Start, StatedByCampaign, by_end_and_targets, carried_targets
 from pa10cal.pose_plan.setup import MM, PlanSetup
-from pa10cal.terms.effects.effect import Effect, candidates
+from pa10cal.terms.effects.effect import Effect
+from pa10cal.terms.effects.vocabulary import candidates
 from pa10cal.terms.term import TermParameter
 
 _TEMPERATURE_C = 20.0

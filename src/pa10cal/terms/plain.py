@@ -15,7 +15,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from pa10cal.arm.chain import Chain
 from pa10cal.errors import TermError, remedy_for
-from pa10cal.terms.effects.effect import every_effect
+from pa10cal.terms.effects.vocabulary import every_effect
 from pa10cal.terms.field import Field, Nameless, is_nameless
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.offsets import Offsets

@@ -16,7 +16,9 @@ from pa10cal.errors import CalibrationError
 from pa10cal.results.discovery import FaultKind
 from pa10cal.results.number_text import plain_number, with_half_width_95
 from pa10cal.rules import MASSES
-from pa10cal.terms.effects.effect import CandidateContext, Effect, everywhere_but, static_loads_in
+from pa10cal.terms.effects.context import CandidateContext
+from pa10cal.terms.effects.effect import Effect, static_loads_in
+from pa10cal.terms.effects.vocabulary import everywhere_but
 from pa10cal.terms.term import (
     OPTIONAL,
     ErrorOf,

@@ -12,7 +12,8 @@ from pa10cal.results.discovery import KNOT, EvidenceOfSag, Explained, ExplainedE
 from pa10cal.results.evaluation import EffectParameter
 from pa10cal.results.number_text import HALF_WIDTH_95, SURE, shown_probability
 from pa10cal.results.record import EffectName
-from pa10cal.terms.effects.effect import Effect, every_effect
+from pa10cal.terms.effects.effect import Effect
+from pa10cal.terms.effects.vocabulary import every_effect
 from pa10cal.terms.field import Field
 from pa10cal.terms.weights import FAULTS
 from pa10cal.terms.wrapped import OF

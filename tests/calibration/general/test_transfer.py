@@ -34,8 +34,8 @@ from pa10cal.observe.observations import Observations
 from pa10cal.observe.points import Points
 from pa10cal.observe.pose import Pose
 from pa10cal.options import Tolerances
-from pa10cal.terms.effects.effect import candidates
 from pa10cal.terms.effects.joint_error_map import BandPrior, SensorError
+from pa10cal.terms.effects.vocabulary import candidates
 from pa10cal.terms.model import Model
 from pa10cal.terms.offsets import link_departures
 

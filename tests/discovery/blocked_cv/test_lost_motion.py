@@ -18,7 +18,7 @@ from pa10cal.discovery.blocked_cv.outcome import search_survey
 from pa10cal.discovery.finding import Rival
 from pa10cal.discovery.gates import with_other_readings
 from pa10cal.terms.effects.arrivals import AlongMove, LostMotion, MoveSettling
-from pa10cal.terms.effects.effect import CandidateContext
+from pa10cal.terms.effects.context import CandidateContext
 from pa10cal.terms.effects.joint import Backlash, FrictionTorque
 from pa10cal_lab.cell.effects.joint import SimulatedAlongMove
 

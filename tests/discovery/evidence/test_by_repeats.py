@@ -21,7 +21,7 @@ from pa10cal.discovery.position_errors import position_error_mm
 from pa10cal.discovery.verdict_records import verdict_keys
 from pa10cal.errors import CalibrationError, DiscoveryError
 from pa10cal.fit.forward import Forward
-from pa10cal.terms.effects import effect
+from pa10cal.terms.effects import vocabulary
 from pa10cal.terms.effects.joint import JointHarmonic
 from pa10cal_lab.cell.campaign import simulate_campaign
 from pa10cal_lab.cell.options import SimulateOptions
@@ -237,8 +237,8 @@ class TestANewEffect:
         assert np.std(off) < 0.1 * 3e-4  # less a constant that calibration takes
 
     def test_dropped_into_the_library_it_is_found_and_named(self, campaign, monkeypatch):
-        known = (*effect.every_effect(), ThirdHarmonic)
-        monkeypatch.setattr(effect, "every_effect", lambda: known)
+        known = (*vocabulary.every_effect(), ThirdHarmonic)
+        monkeypatch.setattr(vocabulary, "every_effect", lambda: known)
         found = campaign.discovered()
         family = found.scorer.judgement.ended.family
         assert sum(effect.id == "third_harmonic" for effect in family) == 6

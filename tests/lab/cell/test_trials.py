@@ -10,7 +10,8 @@ from made_up_robot import nominal_of
 from pa10cal.commands.command_line import run_command
 from pa10cal.errors import SettingsError
 from pa10cal.files.arms import load_arm
-from pa10cal.terms.effects.effect import CandidateContext, candidates
+from pa10cal.terms.effects.context import CandidateContext
+from pa10cal.terms.effects.vocabulary import candidates
 from pa10cal_lab.cell.campaign import simulate_campaign
 from pa10cal_lab.cell.disturbances import DISTURBANCES, disturb
 from pa10cal_lab.cell.effects.effect import Site

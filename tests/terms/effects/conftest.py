@@ -11,8 +11,10 @@ from made_up_poses import context_of, states_of
 from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import PoseStates
 from pa10cal.files.arms import load_arm
-from pa10cal.terms.effects.effect import CandidateContext, Effect, candidates
+from pa10cal.terms.effects.context import CandidateContext
+from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.structure import AxisWobble
+from pa10cal.terms.effects.vocabulary import candidates
 from pa10cal.terms.effects.warm_up import warm_ups
 
 ARM = load_arm("pa10_6ce")

@@ -9,8 +9,8 @@ from made_up_poses import context_of, states_of
 from pa10cal.arm.chain import Chain
 from pa10cal.errors import CalibrationError
 from pa10cal.files.arms import arm_names, load_arm
-from pa10cal.terms.effects.effect import candidates
 from pa10cal.terms.effects.joint import moved_along
+from pa10cal.terms.effects.vocabulary import candidates
 
 
 @pytest.mark.parametrize("name", arm_names())

@@ -14,9 +14,9 @@ from made_up_poses import context_of, states_of
 from pa10cal.arm.chain import Chain
 from pa10cal.calibration.general.problem import loaded_joints
 from pa10cal.files.arms import load_arm
-from pa10cal.terms.effects.effect import candidates, every_effect
 from pa10cal.terms.effects.gear_line import GearLine
 from pa10cal.terms.effects.joint import GearRatioError, moved_along
+from pa10cal.terms.effects.vocabulary import candidates, every_effect
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
 from pa10cal_lab.cell.effects.effect import JointState

@@ -11,7 +11,7 @@ from made_up_poses import context_of
 from pa10cal.arm.chain import Chain, frames
 from pa10cal.errors import TermError
 from pa10cal.files.arms import load_arm
-from pa10cal.terms.effects.effect import candidates
+from pa10cal.terms.effects.vocabulary import candidates
 from pa10cal.terms.model import Model
 from pa10cal.terms.plain import term_from_plain, term_to_plain
 

@@ -8,8 +8,8 @@ import pytest
 from made_up_poses import context_of, states_of
 from pa10cal.errors import CalibrationError
 from pa10cal.files.arms import load_arm
-from pa10cal.terms.effects.effect import candidates
 from pa10cal.terms.effects.over_time import BaseDrift
+from pa10cal.terms.effects.vocabulary import candidates
 from pa10cal.terms.effects.warm_up import warm_ups
 
 ARM = load_arm("pa10_6ce")

@@ -37,7 +37,8 @@ from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.numerics.least_squares import Bounds
 from pa10cal.numerics.periodic_spline import b_splines_by_knots, harmonic_orders, harmonics_at_knots
 from pa10cal.observe.observations import Observations
-from pa10cal.terms.effects.effect import Effect, turning_joints
+from pa10cal.terms.effects.context import turning_joints
+from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import FadingPrior, is_error_map
 from pa10cal.terms.term import Term
 

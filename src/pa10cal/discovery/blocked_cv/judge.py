@@ -37,7 +37,8 @@ from pa10cal.results.discovery import (
     Unexplained,
 )
 from pa10cal.results.number_text import HALF_WIDTH_95
-from pa10cal.terms.effects.effect import Effect, every_effect
+from pa10cal.terms.effects.effect import Effect
+from pa10cal.terms.effects.vocabulary import every_effect
 
 
 class BlockPrediction(BlockedCrossValidation, Proof):

@@ -21,7 +21,8 @@ from pa10cal.discovery.blocked_cv.interleaved_check import (
 from pa10cal.discovery.blocked_cv.judge import BlockPrediction, Judged
 from pa10cal.discovery.finding import Rival
 from pa10cal.terms.effects.arrivals import LostMotion
-from pa10cal.terms.effects.effect import CandidateContext, Effect, driven_joints, joint_of
+from pa10cal.terms.effects.context import CandidateContext, driven_joints, joint_of
+from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint import Backlash
 
 

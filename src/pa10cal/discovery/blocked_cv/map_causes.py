@@ -21,7 +21,8 @@ from pa10cal.discovery.rules import MAPS, RIPPLE
 from pa10cal.discovery.tuning import COMPUTING
 from pa10cal.fit.joint_noise import ideal_by_joints
 from pa10cal.results.maps import Agreement, JointWitness
-from pa10cal.terms.effects.effect import Effect, driven_joints
+from pa10cal.terms.effects.context import driven_joints
+from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import (
     GearError,
     JointErrorMap,

@@ -23,7 +23,8 @@ from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.paths import along_a_path, outside_ranges
 from pa10cal.rules import ANGLES
-from pa10cal.terms.effects.effect import CandidateContext, Effect
+from pa10cal.terms.effects.context import CandidateContext
+from pa10cal.terms.effects.effect import Effect
 
 #: Fewest poses from which blocks can be held out.
 LEAST_FOR_BLOCKS = BLOCKS.blocks * BLOCKS.least_poses

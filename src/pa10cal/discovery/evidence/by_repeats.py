@@ -73,7 +73,8 @@ from pa10cal.observe.observations import Observations, average_repeats, reading_
 from pa10cal.observe.time_order import spread_over_time
 from pa10cal.results.analysis import LackOfFit, PureErrorTest
 from pa10cal.results.discovery import SearchByRepeats, SharedError
-from pa10cal.terms.effects.effect import CandidateContext, Effect
+from pa10cal.terms.effects.context import CandidateContext
+from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.forms.form import Form
 from pa10cal.terms.offsets import motion_of_base
 from pa10cal.terms.term import shows_torque

@@ -23,7 +23,7 @@ from pa10cal.numerics.covariances import whitener_of
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import MM
 from pa10cal.options import DiscoveryOptions
-from pa10cal.terms.effects.effect import CandidateContext
+from pa10cal.terms.effects.context import CandidateContext
 from pa10cal.terms.effects.joint import TorqueGain
 from pa10cal.terms.model import DerivativeCache
 

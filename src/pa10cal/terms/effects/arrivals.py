@@ -10,6 +10,7 @@ import numpy as np
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.terms.effects import effect
+from pa10cal.terms.effects.context import CandidateContext, driven_joints, turning_joints
 from pa10cal.terms.effects.joint import Backlash
 from pa10cal.terms.term import ErrorOf, TermParameter, Transferred
 from pa10cal.terms.wrapped import of_campaign
@@ -51,7 +52,7 @@ class ArrivalError(effect.JointEffect):
     stays_with_arm = False
 
     @classmethod
-    def fields_at(cls, context: effect.CandidateContext, joint: int) -> tuple[Any, ...] | None:
+    def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
         """Return the campaigns of a group, where positions are those commanded."""
         return (context.campaigns,) if context.commanded else None
 
@@ -92,8 +93,8 @@ class LostMotion(effect.Effect):
     words = "theta_j -= b_j s_j"
 
     @classmethod
-    def fields_at(cls, context: effect.CandidateContext, joint: int) -> tuple[Any, ...] | None:
-        joints = effect.driven_joints(context)
+    def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
+        joints = driven_joints(context)
         return (joints,) if joints else None
 
     @property
@@ -146,8 +147,8 @@ class AlongMove(effect.Effect):
     stays_with_arm = False
 
     @classmethod
-    def fields_at(cls, context: effect.CandidateContext, joint: int) -> tuple[Any, ...] | None:
-        return effect.turning_joints(context), context.campaigns
+    def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
+        return turning_joints(context), context.campaigns
 
     @property
     def reported(self) -> tuple[TermParameter, ...]:

@@ -1,29 +1,27 @@
-"""Effects: where a campaign makes them possible, their base classes, and the vocabulary.
-
-The vocabulary is all classes of effects in this package, at all their places.
-"""
+"""Base classes of effects: what a class states of itself, and what it may need of poses."""
 
 from __future__ import annotations
 
-import inspect
 import math
-import pkgutil
 from abc import abstractmethod
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
-from functools import cache, cached_property
-from importlib import import_module
-from typing import Annotated, Any, ClassVar, Literal, Self, TypeGuard, TypeVar, get_args
+from functools import cached_property
+from typing import Any, ClassVar, Literal, Self, TypeGuard, TypeVar, get_args
 
 import numpy as np
-from pydantic import AfterValidator
 
-from pa10cal.arm.description import Arm, neighbouring_axes, weights_known
 from pa10cal.arm.statics import ObservedTargets, PoseStates, StaticLoads
 from pa10cal.arrays import Array
 from pa10cal.errors import CalibrationError
 from pa10cal.rules import COMPARED
-from pa10cal.terms import effects
+from pa10cal.terms.effects.context import (
+    CandidateContext,
+    driven_joints,
+    joint_of,
+    slides_before_turns,
+    turning_joints,
+)
 from pa10cal.terms.term import (
     Report,
     Role,
@@ -36,75 +34,7 @@ from pa10cal.terms.term import (
 
 #: Places whose effects depend on the foundation and the tool of a campaign.
 _OF_PLACE = ("base", "tool")
-#: Share of its rated torque that a joint must have carried to show how it winds up.
-_LOADED_SHARE = 0.01
-#: Range of angles that a joint must have covered to show the shape of an error.
-_LEAST_SPAN_RAD = 1e-3
-
 Value = TypeVar("Value")
-E = TypeVar("E", bound="Effect")
-
-
-def _of_some_length(ends: tuple[float, float]) -> tuple[float, float]:
-    if not ends[0] < ends[1]:
-        raise ValueError("must be a lower and a higher position")
-    return ends
-
-
-#: Lowest and highest measured position of a joint [rad, m], as checked where a file states it.
-Span = Annotated[tuple[float, float], AfterValidator(_of_some_length)]
-
-
-@dataclass(frozen=True)
-class CandidateContext:
-    """What is known of arm and campaign, by which it is decided where effects are possible."""
-
-    arm: Arm  # the nominal arm
-    flexible_joints: tuple[int, ...]  # joints, from 1, to which the model gives a spring
-    reference_temperature_C: float  # temperature at which lengths are nominal
-    largest_tau_Nm: Array  # (n,) largest torque that each joint carried
-    p_instr_middle_m: Array  # (3,) middle of the measured places in the instrument's frame
-    q_span_rad: Array  # (n, 2) lowest and highest angle that each joint took
-    time_span_s: tuple[float, float]  # first and last reading of the campaign
-    loads_N: tuple[float, ...] = ()  # external loads that were measured at
-    tool_kg: float = 0.0  # mass stated of the tool; 0 where it is not known
-    # the same of the tool of each campaign of a group; empty for no group
-    campaign_tools_kg: tuple[float, ...] = ()
-    gravity_m_s2: tuple[float, float, float] = (0.0, 0.0, 0.0)  # as stated, in the base frame
-    # where torques come from: `logged`, `masses`, or `none`
-    torques: Literal["logged", "masses", "none"] = "none"
-    commanded: bool = False  # whether joint positions are those commanded, and not read back
-    campaigns: tuple[str, ...] = ()  # names of the campaigns of a group; none of a single one
-    # whether the instrument moves along axes of its own, each with its scale; None where not known
-    three_axes: bool | None = None
-    # the first joint, from 1, that lifts the arm; sine and cosine part, by its angle, of the torque
-    # that the described weights put there [N m]. None where none lifts, or nothing is known of it
-    lifts: tuple[int, float, float] | None = None
-
-    @property
-    def rated_Nm(self) -> Array:
-        """Return the rated torque of every joint, (n,) [N m].
-
-        The largest torque carried where no rating is stated, and 1 N m where that is zero as well.
-        """
-        rated_Nm = self.arm.rated_Nm(self.largest_tau_Nm)
-        return np.where(rated_Nm == 0.0, 1.0, rated_Nm)
-
-    def rated_at(self, joint: int) -> float:
-        """Return the rated torque of a joint, from 1 [N m]; see `rated_Nm`."""
-        return float(self.rated_Nm[joint - 1])
-
-    def carried_at(self, joint: int) -> float:
-        """Return the largest torque that a joint, from 1, carried [N m]; 0 if it is negligible."""
-        carried_Nm = float(self.largest_tau_Nm[joint - 1])
-        return carried_Nm if carried_Nm > _LOADED_SHARE * self.rated_at(joint) else 0.0
-
-    def span_at(self, joint: int) -> tuple[float, float] | None:
-        """Return lowest and highest position of a joint, from 1; None if it did not move."""
-        low, high = self.q_span_rad[joint - 1].tolist()
-        return (low, high) if high - low > _LEAST_SPAN_RAD else None
-
-
 #: Fields of effects at a joint that `Effect.fields_at` takes from the context, by their names.
 _OF_JOINT: dict[str, Callable[[CandidateContext, int], Any]] = {
     "rated_Nm": CandidateContext.rated_at,  # rated torque
@@ -424,34 +354,12 @@ def is_effect(term: Term) -> TypeGuard[Effect]:
     return "effect" in term.roles
 
 
-def turning_joints(context: CandidateContext) -> tuple[int, ...]:
-    """Return the joints, from 1, that turn."""
-    return tuple(int(joint) for joint in np.flatnonzero(~context.arm.prismatic) + 1)
-
-
-def driven_joints(context: CandidateContext) -> tuple[int, ...]:
-    """Return the joints, from 1, that turn by a motor of their own."""
-    own = context.arm.coupling.own
-    return tuple(joint for joint in turning_joints(context) if joint - 1 in own)
-
-
-def slides_before_turns(context: CandidateContext) -> tuple[int, ...]:
-    """Return the joints, from 1, that slide before any that turns: rails and columns."""
-    leading = np.logical_and.accumulate(context.arm.prismatic)
-    return tuple((np.flatnonzero(leading) + 1).tolist())
-
-
 #: Joints at which an effect is possible, by where its class `sits`.
 _JOINTS: dict[str, Callable[[CandidateContext], tuple[int, ...]]] = {
     "joint": turning_joints,
     "driven joint": driven_joints,
     "slide": slides_before_turns,
 }
-
-
-def joint_of(place: str) -> int:
-    """Return the number of the joint, from 1, that a place names."""
-    return int(place.removeprefix("joint "))
 
 
 # Quantities of poses that an effect may need; a CalibrationError where they are not known.
@@ -518,82 +426,3 @@ def _known(value: Value | None, effect: Effect, what: str, allowed: str, remedy:
         where = f"{effect.id} of {effect.of}"
         raise CalibrationError(what, where=where, allowed=allowed, remedy=remedy)
     return value
-
-
-# The vocabulary: every class of effect in the modules of this package.
-
-
-@cache
-def every_effect() -> tuple[type[Effect], ...]:
-    """Return every class of effect, named ones before generic ones, ordered by id."""
-    modules = [
-        import_module(f"{effects.__name__}.{module.name}")
-        for module in pkgutil.iter_modules(effects.__path__)
-    ]
-    found = {
-        each
-        for module in modules
-        for _, each in inspect.getmembers(module, inspect.isclass)
-        if issubclass(each, Effect) and not inspect.isabstract(each) and "id" in vars(each)
-    }
-    return tuple(sorted(found, key=lambda each: (each.generic, each.id)))
-
-
-def candidates(context: CandidateContext, held: Iterable[Term] = ()) -> tuple[Effect, ...]:
-    """Return every effect that is sought, at every possible place, except those of a model.
-
-    Where weights are not stated, effects that replace others are left to the search for sets.
-    """
-    stated = weights_known(context.arm).origin == "stated"
-    roles = {"candidate", "substitute"} if stated else {"candidate"}
-    kinds = (each for each in every_effect() if each.role_in_search in roles)
-    return everywhere_but(kinds, context, held)
-
-
-def everywhere_but(
-    kinds: Iterable[type[E]], context: CandidateContext, held: Iterable[Term]
-) -> tuple[E, ...]:
-    """Return effects of some kinds at every possible place, except those that a model holds."""
-    there = {(term.id, term.of) for term in held}
-    return tuple(
-        effect
-        for kind in kinds
-        for effect in kind.everywhere(context)
-        if (effect.id, effect.of) not in there
-    )
-
-
-def vocabulary_of(arm: Arm) -> tuple[tuple[Effect, ...], ...]:
-    """Return the named effects that are possible at an arm, kind by kind, whatever the campaign.
-
-    An effect that needs a quantity which the arm does not state (nan), such as a gear ratio, is
-    omitted.
-    """
-    anywhere = CandidateContext(
-        arm=arm,
-        flexible_joints=(),
-        reference_temperature_C=20.0,
-        largest_tau_Nm=arm.rated_Nm(np.ones(arm.n)),
-        p_instr_middle_m=np.zeros(3),
-        q_span_rad=arm.joint_ranges_rad,
-        time_span_s=(0.0, 3600.0),
-        torques="none" if arm.mass_kg is None else "masses",
-        commanded=True,
-        lifts=_lifts_if_upright(arm),
-    )
-    kinds = (kind.everywhere(anywhere) for kind in every_effect() if not kind.generic)
-    stated = (tuple(filter(_is_stated, places)) for places in kinds)
-    return tuple(places for places in stated if places)
-
-
-def _lifts_if_upright(arm: Arm) -> tuple[int, float, float] | None:
-    """Return which joint lifts an arm whose first axis is upright, under its rated torque."""
-    for axes in neighbouring_axes(arm):
-        both = [joint - 1 for joint in axes.joints]
-        if not axes.parallel and not arm.prismatic[both].any():
-            return axes.joints[1], 0.0, float(arm.rated_Nm(np.ones(arm.n))[both[1]])
-    return None
-
-
-def _is_stated(effect: Effect) -> bool:
-    return not any(isinstance(value, float) and np.isnan(value) for value in vars(effect).values())

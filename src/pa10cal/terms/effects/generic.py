@@ -13,7 +13,8 @@ from numpy.polynomial.legendre import legder, legval, legvander
 from pa10cal.arm.chain import BASE
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
-from pa10cal.terms.effects.effect import CandidateContext, Effect, JointEffect, Span, time_in
+from pa10cal.terms.effects.context import CandidateContext, Span
+from pa10cal.terms.effects.effect import Effect, JointEffect, time_in
 from pa10cal.terms.effects.readings import FalseReading
 from pa10cal.terms.term import JointTorqueOnly, TermParameter
 

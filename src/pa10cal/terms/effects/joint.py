@@ -12,6 +12,7 @@ from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.errors import CalibrationError
 from pa10cal.terms.effects import effect
+from pa10cal.terms.effects.context import CandidateContext, driven_joints, turning_joints
 from pa10cal.terms.term import OPTIONAL, JointTorqueOnly, Report, TermParameter
 
 #: Largest deflection of a joint under its torque [rad], and why. An assumption: twice the 23 mrad
@@ -57,10 +58,10 @@ class GearRatioError(effect.JointEffect):
         return self.slides
 
     @classmethod
-    def everywhere(cls, context: effect.CandidateContext) -> tuple[Self, ...]:
+    def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
         """Return it at joints with a gear, and where a joint slides, be it by another's motor."""
         sliding = (np.flatnonzero(context.arm.prismatic) + 1).tolist()
-        joints = sorted([*effect.driven_joints(context), *sliding])
+        joints = sorted([*driven_joints(context), *sliding])
         return tuple(cls(f"joint {joint}", joint in sliding) for joint in joints)
 
     @property
@@ -151,7 +152,7 @@ class JointCoupling(effect.AtJoint):
     words = "{0.coordinates[0]} += c q_{0.by}"
 
     @classmethod
-    def everywhere(cls, context: effect.CandidateContext) -> tuple[Self, ...]:
+    def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
         arm = context.arm
         return tuple(
             cls(f"joint {joint}", by, bool(arm.prismatic[joint - 1]))
@@ -189,10 +190,10 @@ class WristCoupling(effect.Effect):
     reported = (TermParameter("c", "1", 3e-5, plausible=1e-3),)
 
     @classmethod
-    def fields_at(cls, context: effect.CandidateContext, joint: int) -> tuple[Any, ...] | None:
+    def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
         """Return the last joint, if it has a motor and it and the one before it turn."""
         last = context.arm.n
-        driven, turning = effect.driven_joints(context), effect.turning_joints(context)
+        driven, turning = driven_joints(context), turning_joints(context)
         return (last,) if last in driven and last - 1 in turning else None
 
     @property
@@ -221,7 +222,7 @@ class JointHarmonic(effect.AtJoint):
     amounts_stand_alone = False
 
     @classmethod
-    def fields_at(cls, context: effect.CandidateContext, joint: int) -> tuple[Any, ...] | None:
+    def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
         return (cls.order_stated,)
 
     @property
@@ -268,7 +269,7 @@ class TransmissionError(JointHarmonic):
     )
 
     @classmethod
-    def fields_at(cls, context: effect.CandidateContext, joint: int) -> tuple[Any, ...] | None:
+    def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
         """Return twice the gear ratio; nan where that is not known."""
         return (2.0 * float(context.arm.gear_ratio[joint - 1]),)
 
@@ -374,7 +375,7 @@ class FrictionTorque(FalseTorque):
     limits = effect.Limits(positive=True)
 
     @classmethod
-    def fields_at(cls, context: effect.CandidateContext, joint: int) -> tuple[Any, ...] | None:
+    def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
         """Return its fields; None also where it was taken out of the log."""
         by_log = weights_known(context.arm).by_log
         if by_log is not None and by_log.friction_Nm[joint - 1 : joint].any():
@@ -408,7 +409,7 @@ class TorqueGain(FalseTorque):
     reported = (TermParameter("g", "1", 1e-3, plausible=0.05),)
 
     @classmethod
-    def fields_at(cls, context: effect.CandidateContext, joint: int) -> tuple[Any, ...] | None:
+    def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
         """Return its fields; None also where it was taken out of the log."""
         by_log = weights_known(context.arm).by_log
         if by_log is not None and by_log.gain[joint - 1 : joint].any():
@@ -457,7 +458,7 @@ class JointCompliance(WindsUp):
     words = "theta_{0.joint} -= tau_{0.joint} / K"
 
     @classmethod
-    def fields_at(cls, context: effect.CandidateContext, joint: int) -> tuple[Any, ...] | None:
+    def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
         """Return the rated torque of a joint without a spring."""
         return None if joint in context.flexible_joints else super().fields_at(context, joint)
 

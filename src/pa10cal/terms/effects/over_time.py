@@ -13,7 +13,8 @@ from pa10cal.arm.chain import BASE, Chain, long_links
 from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
-from pa10cal.terms.effects.effect import CandidateContext, Effect, Limits, time_in
+from pa10cal.terms.effects.context import CandidateContext
+from pa10cal.terms.effects.effect import Effect, Limits, time_in
 from pa10cal.terms.effects.structure import LONG_LINKS
 from pa10cal.terms.term import OPTIONAL, TermParameter
 

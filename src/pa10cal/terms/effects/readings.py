@@ -11,7 +11,8 @@ import numpy as np
 from pa10cal.arm.chain import TOOL
 from pa10cal.arm.statics import ObservedTargets, PoseStates
 from pa10cal.arrays import Array
-from pa10cal.terms.effects.effect import CandidateContext, Effect, seen_in
+from pa10cal.terms.effects.context import CandidateContext
+from pa10cal.terms.effects.effect import Effect, seen_in
 from pa10cal.terms.term import TermParameter
 
 

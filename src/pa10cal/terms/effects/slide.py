@@ -12,14 +12,8 @@ from pa10cal.arm.chain import TOOL, Chain, bend_coordinates, frames, link_spans_
 from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index
-from pa10cal.terms.effects.effect import (
-    AtJoint,
-    CandidateContext,
-    Effect,
-    Limits,
-    Span,
-    static_loads_in,
-)
+from pa10cal.terms.effects.context import CandidateContext, Span
+from pa10cal.terms.effects.effect import AtJoint, Effect, Limits, static_loads_in
 from pa10cal.terms.effects.structure import Compliance, moment_of_arm_Nm
 from pa10cal.terms.term import OPTIONAL, Report, TermParameter
 

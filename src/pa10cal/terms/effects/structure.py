@@ -11,14 +11,8 @@ from pa10cal.arm.chain import BASE, Chain, bend_coordinates, frames, link_spans_
 from pa10cal.arm.description import Arm, weights_known
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
-from pa10cal.terms.effects.effect import (
-    AtJoint,
-    CandidateContext,
-    Effect,
-    JointEffect,
-    Limits,
-    static_loads_in,
-)
+from pa10cal.terms.effects.context import CandidateContext
+from pa10cal.terms.effects.effect import AtJoint, Effect, JointEffect, Limits, static_loads_in
 from pa10cal.terms.term import OPTIONAL, JointTorqueOnly, Report, TermParameter
 
 LONG_LINKS = ("upper_arm", "forearm")

@@ -18,7 +18,8 @@ import numpy as np
 from pa10cal.arm.chain import long_links
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
-from pa10cal.terms.effects.effect import AtJoint, CandidateContext, Effect, Limits, time_in
+from pa10cal.terms.effects.context import CandidateContext
+from pa10cal.terms.effects.effect import AtJoint, Effect, Limits, time_in
 from pa10cal.terms.effects.over_time import lengths_of, motions_by_link
 from pa10cal.terms.effects.structure import LONG_LINKS
 from pa10cal.terms.term import TermParameter

@@ -13,7 +13,7 @@ import numpy as np
 
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
-from pa10cal.terms.effects.effect import CandidateContext, joint_of, turning_joints
+from pa10cal.terms.effects.context import CandidateContext, joint_of, turning_joints
 from pa10cal.terms.forms.form import AngleForm, Form, PullForm, ReadingForm, ShiftForm, TiltForm
 
 #: Bounds of the highest order tried, which is the number of different joint positions

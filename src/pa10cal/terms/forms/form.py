@@ -15,7 +15,8 @@ import numpy as np
 from pa10cal.arm.chain import BASE
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
-from pa10cal.terms.effects.effect import CandidateContext, Effect, joint_of, static_loads_in
+from pa10cal.terms.effects.context import CandidateContext, joint_of
+from pa10cal.terms.effects.effect import Effect, static_loads_in
 from pa10cal.terms.effects.joint import amplitude_and_phase
 from pa10cal.terms.effects.readings import FalseReading
 from pa10cal.terms.term import JointTorqueOnly, Report, TermParameter, report_as_solved
