@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from pa10cal.campaign.read import Campaign as Campaign
-    from pa10cal.campaign.read import read_group as read_group
     from pa10cal.discovery.verdict import Verdict as Verdict
     from pa10cal.errors import Pa10calError as Pa10calError
     from pa10cal.files.arms import load_arm as load_arm
@@ -30,6 +29,7 @@ if TYPE_CHECKING:
     from pa10cal.interface import discover as discover
     from pa10cal.interface import plan as plan
     from pa10cal.interface import read_campaign as read_campaign
+    from pa10cal.interface import read_group as read_group
     from pa10cal.interface import report as report
     from pa10cal.pose_plan.options import PlanOptions as PlanOptions
     from pa10cal.pose_plan.plan import PosePlan as PosePlan
@@ -40,7 +40,7 @@ __version__ = "0.2.0"
 _HOMES = {
     "plan": "pa10cal.interface",
     "read_campaign": "pa10cal.interface",
-    "read_group": "pa10cal.campaign.read",
+    "read_group": "pa10cal.interface",
     "load_arm": "pa10cal.files.arms",
     "calibrate": "pa10cal.interface",
     "discover": "pa10cal.interface",

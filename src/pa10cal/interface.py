@@ -6,6 +6,7 @@ Each function takes what the one before returns, and works in memory; nothing is
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -43,12 +44,81 @@ def read_campaign(
             is no `grid` row, or when the arm has prismatic joints and its log gives degrees.
         SettingsError: when a key of the description does not fit.
     """
+    return _without_torque_errors(_as_ingested(folder, options, arms))
+
+
+def read_group(
+    folders: Sequence[Path | str],
+    name: str = "group",
+    options: IngestOptions | None = None,
+    *,
+    arms: Path | str | None = None,
+) -> Campaign:
+    """Read several measurement campaigns of one robot as one.
+
+    Link departures, springs and effects are shared. Base, tool or targets, and noise are each
+    campaign's own: their parameters bear its name, as `tool_x@ur10-c`. Labels of poses do too.
+    Zeros that logged torques show beside the weights are taken out of them.
+
+    Args:
+        folders: the campaigns' folders; the first gives the frame of the base and the orientation
+            of the target.
+        name: of the group.
+        options: how to ingest; None for the defaults.
+        arms: folder of arm descriptions; None for `arms` beside each campaign's folder.
+
+    Raises:
+        RawDataError: when one cannot be used (see `read_campaign`), they are fewer than two or of
+            several robots, or names are not apart.
+        CalibrationError: when the poses of one do not determine its base and targets.
+    """
+    from pa10cal.calibration.general.calibrate import start_of
+    from pa10cal.campaign.description import describe_group, nominal_arm
+    from pa10cal.campaign.table import arm_of
+    from pa10cal.observe.joined import GroupCampaign, join
+    from pa10cal.observe.seed import locate_base
+
+    read = [_as_ingested(folder, options, arms) for folder in folders]
+    description = describe_group(name, [(each.description, each.arm) for each in read])
+    members = []
+    for each in read:
+        about = each.folder, each.name, each.description.provenance
+        seed = locate_base(each.observations, each.arm, BaseFrameOptions(), *about)
+        start = start_of(seed, each.observations.measured)
+        members.append(GroupCampaign(each.name, each.observations, start))
+    together, folder = join(members), read[0].folder
+    nominal = nominal_arm(description, folder, None if arms is None else Path(arms))
+    quarantined = (
+        replace(row, file=f"{each.name}/{row.file}") for each in read for row in each.quarantined
+    )
+    found = Campaign(
+        folder,
+        description,
+        arm_of(description, folder, together, nominal),
+        together,
+        tuple(quarantined),
+        tuple(f"{each.name}: {note}" for each in read for note in each.notes),
+        tuple(f"{each.name}: {warning}" for each in read for warning in each.warnings),
+    )
+    return _without_torque_errors(found)
+
+
+def _as_ingested(
+    folder: Path | str, options: IngestOptions | None, arms: Path | str | None
+) -> Campaign:
+    """Return a campaign with its readings as `pa10cal ingest` leaves them."""
     from pa10cal.campaign.table import as_in_table
-    from pa10cal.fit.logged_torques import without_torque_errors
 
     found = read_raw(folder, options, arms=arms)
     every = as_in_table(found.observations, found.arm.prismatic, found.description)
-    return replace(found, observations=without_torque_errors(every, found.arm))
+    return replace(found, observations=every)
+
+
+def _without_torque_errors(found: Campaign) -> Campaign:
+    """Return a campaign with its torques as every stage after `ingest` takes them."""
+    from pa10cal.fit.logged_torques import without_torque_errors
+
+    return replace(found, observations=without_torque_errors(found.observations, found.arm))
 
 
 def calibrate(

@@ -9,7 +9,10 @@ import pytest
 import yaml
 
 import pa10cal
+from made_up_poses import at_rest
 from made_up_sightings import sighted
+from pa10cal.arm.chain import Chain
+from pa10cal.arm.statics import Payload
 from pa10cal.calibration.general.refit_frames import refit_frames
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.description import describe_group, read_description
@@ -17,16 +20,23 @@ from pa10cal.campaign.table import read_observations, write_pose_table
 from pa10cal.commands.command_line import main
 from pa10cal.errors import CalibrationError, Pa10calError, RawDataError, SettingsError
 from pa10cal.files.arms import load_arm
+from pa10cal.fit.loads import statics_of
 from pa10cal.settings import parse_settings
+from pa10cal.terms.model import Model
 
 MIXED = ("pose", "points", "distance")
+ZEROS_NM = np.array([0.0, 12.0, -8.0, 3.0, 0.0, 0.0])
 
 
-def campaign(folder, kind, name, **asked):
+SHIPPED = files("pa10cal.files").joinpath("arms", "ur10.yaml")
+
+
+def campaign(folder, kind, name, spoil=lambda made: None, **asked):
     """Write a campaign of a robot as it is described, and return its folder."""
     made = sighted(folder, kind, **{"poses": 50, "noise_mm": 0.01, **asked})
     made.folder = folder / name
     made.description["name"] = name
+    spoil(made)
     return made.write()
 
 
@@ -54,9 +64,23 @@ def test_a_group_is_read_calibrated_and_predicts(folders):
 
 
 def test_arms_of_a_group_may_be_described_elsewhere(folders, tmp_path):
+    described = yaml.safe_load(SHIPPED.read_text())
+    described["rows"][1]["a_m"] -= 0.001
+    (tmp_path / "ur10.yaml").write_text(yaml.safe_dump(described))
+    group = pa10cal.read_group(folders[:2], "ur10", arms=tmp_path)
+    assert group.arm.a_m[1] == described["rows"][1]["a_m"]
     (tmp_path / "ur10.yaml").write_text("robot: [")
     with pytest.raises(Pa10calError, match=r"ur10\.yaml"):
         pa10cal.read_group(folders[:2], "ur10", arms=tmp_path)
+
+
+def test_few_poses_at_the_lowest_load_are_joined_by_those_at_every_load(folders, tmp_path):
+    def loaded(made):
+        made.poses[4:] = [line.replace(",0,1,", ",44,1,", 1) for line in made.poses[4:]]
+
+    other = campaign(tmp_path, "distance", "loaded", spoil=loaded)
+    every = pa10cal.read_group([folders[0], other], "ur10").observations
+    assert np.count_nonzero(every.states.load_N) == 47
 
 
 def test_each_campaign_is_checked_alone(folders):
@@ -123,6 +147,26 @@ def test_commands_take_a_joined_group_like_a_campaign(folders, tmp_path, capsys)
     )
 
 
+def test_errors_of_logged_torques_are_taken_out_of_a_group(tmp_path):
+    chain, gravity_m_s2 = Chain.of(load_arm("ur10")), np.array([0.0, 0.0, -9.80665])
+    payload, weights_Nm = Payload(1.0, np.array([0.0, 0.0, 0.05]), np.zeros(3), gravity_m_s2), {}
+
+    def logged(made):
+        weights = statics_of(Model(chain, ()), np.zeros(0), at_rest(made.q), payload)
+        name, tau_Nm = made.description["name"], weights.joint_Nm
+        made.poses[0] += "".join(f",tau{j}_Nm" for j in range(1, 7))
+        for k, (of_weights, of_log) in enumerate(zip(tau_Nm, tau_Nm + ZEROS_NM, strict=True)):
+            weights_Nm[f"{name}/P{k:03d}"] = of_weights
+            made.poses[k + 1] += "".join(f",{torque:.3f}" for torque in of_log)
+
+    pair = [
+        campaign(tmp_path, "pose", name, logged, poses=100, seed=k) for k, name in enumerate("ab")
+    ]
+    every = pa10cal.read_group(pair, "ur10").observations
+    of_poses_Nm = np.array([weights_Nm[label] for label in every.pose])
+    np.testing.assert_allclose(every.states.tau_Nm, of_poses_Nm, atol=0.1)
+
+
 def test_a_groups_folder_has_no_raw_files(folders, tmp_path):
     assert joined(folders[:2], tmp_path / "ur10") == 0
     with pytest.raises(RawDataError, match="the folder is of a group"):
@@ -159,8 +203,7 @@ def test_robots_of_two_kinds_are_no_group(folders, tmp_path):
 
 def test_two_nominal_tables_of_one_robot_are_no_group(folders, tmp_path):
     other = campaign(tmp_path, "pose", "another")
-    arms = files("pa10cal.files").joinpath("arms", "ur10.yaml")
-    described = yaml.safe_load(arms.read_text())
+    described = yaml.safe_load(SHIPPED.read_text())
     described["rows"][1]["a_m"] -= 0.001
     (other / "ur10.yaml").write_text(yaml.safe_dump(described))
     with pytest.raises(RawDataError, match="a_m, row 2"):

@@ -1,11 +1,8 @@
-"""The folder of a campaign, or several of one robot, read to single readings.
-
-Held-out poses are marked as campaign.yaml states them.
-"""
+"""The folder of a campaign read to single readings, held-out poses marked as it states them."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -13,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array, Index, Mask
 from pa10cal.campaign.bounds import refuse_impossible_tool
@@ -21,7 +17,6 @@ from pa10cal.campaign.description import (
     DESCRIPTION_FILE,
     CampaignDescription,
     Holdout,
-    describe_group,
     nominal_arm,
     read_description,
 )
@@ -41,8 +36,7 @@ from pa10cal.campaign.touched import read_touched
 from pa10cal.campaign.tracked import read_tracked
 from pa10cal.errors import RawDataError
 from pa10cal.files.controller import controller_notes, controller_warnings
-from pa10cal.observe.joined import GroupCampaign, join
-from pa10cal.observe.observations import Observations, average_repeats
+from pa10cal.observe.observations import Observations
 from pa10cal.observe.paths import along_a_path, stretches_held_out
 from pa10cal.observe.time_order import with_time_validity
 from pa10cal.options import IngestOptions
@@ -362,53 +356,6 @@ def repeatability_mm(single: Observations) -> dict[float, float]:
     groups = table.dropna(subset=[0]).groupby(["load_N", "pose", "target"])
     spread_mm = np.sqrt(groups.var()[groups.size() > 1].sum(axis=1))
     return {float(load): float(mm) for load, mm in spread_mm.groupby(level=0).mean().items()}
-
-
-def read_group(
-    folders: Sequence[Path | str],
-    name: str = "group",
-    options: IngestOptions | None = None,
-    *,
-    arms: Path | str | None = None,
-) -> Campaign:
-    """Read several measurement campaigns of one robot as one.
-
-    Link departures, springs and effects are shared. Base, tool or targets, and noise are each
-    campaign's own: their parameters bear its name, as `tool_x@ur10-c`. Labels of poses do too.
-
-    Args:
-        folders: the campaigns' folders; the first gives the frame of the base and the orientation
-            of the target.
-        name: of the group.
-        options: how to ingest; None for the defaults.
-        arms: folder of arm descriptions; None for `arms` beside each campaign's folder.
-
-    Raises:
-        RawDataError: when one cannot be used (see `read_campaign`), they are fewer than two or of
-            several robots, or names are not apart.
-        CalibrationError: when the poses of one do not determine its base and targets.
-    """
-    read = [read_campaign(folder, options, arms=arms) for folder in folders]
-    description = describe_group(name, [(each.description, each.arm) for each in read])
-    placed = []
-    for each in read:
-        grid = average_repeats(each.calibration)
-        unloaded = grid.take(grid.states.load_N == grid.states.load_N.min())
-        start = unloaded.measured.find_start(Chain.of(each.arm).forward(unloaded.states.q_rad))
-        placed.append(GroupCampaign(each.name, each.observations, start))
-    together = join(placed)
-    quarantined = (
-        replace(row, file=f"{each.name}/{row.file}") for each in read for row in each.quarantined
-    )
-    return Campaign(
-        read[0].folder,
-        description,
-        arm_of(description, read[0].folder, together),
-        together,
-        tuple(quarantined),
-        tuple(f"{each.name}: {note}" for each in read for note in each.notes),
-        tuple(f"{each.name}: {warning}" for each in read for warning in each.warnings),
-    )
 
 
 def wrong_rows(rows: Iterable[Quarantined]) -> tuple[InputFinding, ...]:
