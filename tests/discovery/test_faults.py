@@ -20,8 +20,8 @@ from pa10cal.fit.fitted import FittedTo
 from pa10cal.results.calibration import InputFinding
 from pa10cal.results.record import EffectName
 from pa10cal.terms.effects.over_time import BaseDrift
+from pa10cal.terms.statement_faults import FaultText, LogFault, is_fault
 from pa10cal.terms.term import TermParameter
-from pa10cal.terms.weights import FaultText, LogFault, is_fault
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from pa10cal.terms.effects.arrivals import AlongMove
 from pa10cal.terms.effects.joint import Backlash, GearRatioError
 from pa10cal.terms.effects.over_time import BaseDrift
 from pa10cal.terms.effects.vocabulary import candidates
-from pa10cal.terms.weights import GravityStated
+from pa10cal.terms.statement_faults import GravityStated
 
 
 def names(verdict):

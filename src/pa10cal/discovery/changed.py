@@ -35,7 +35,7 @@ from pa10cal.observe.time_order import (
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.joint_spring import is_spring
 from pa10cal.terms.offsets import Offsets
-from pa10cal.terms.weights import ToolStated
+from pa10cal.terms.statement_faults import ToolStated
 
 #: `zero` is that of a joint, see `joint_steps`.
 Kind = Literal["base", "beam", "target", "tool", "load", "model", "zero"]

@@ -20,8 +20,8 @@ from pa10cal.results.maps import JointWitness, MapForm
 from pa10cal.results.record import EffectName, Name
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import BandPrior, JointErrorMap, is_error_map
+from pa10cal.terms.statement_faults import is_fault
 from pa10cal.terms.term import Term
-from pa10cal.terms.weights import is_fault
 from pa10cal.terms.wording import parameters_text
 
 

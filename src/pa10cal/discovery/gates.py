@@ -52,7 +52,8 @@ from pa10cal.terms.effects.joint_error_map import JointErrorMap
 from pa10cal.terms.effects.over_time import BaseDrift, ThermalGrowth
 from pa10cal.terms.effects.readings import Scale
 from pa10cal.terms.effects.slide import SlideScale
-from pa10cal.terms.weights import holds_weights, is_fault
+from pa10cal.terms.statement_faults import is_fault
+from pa10cal.terms.weights import holds_weights
 
 S = TypeVar("S", bound=Scorer)
 

@@ -11,7 +11,7 @@ from pa10cal.arrays import Array
 from pa10cal.results.calibration import InputFinding
 from pa10cal.results.discovery import Fault, FaultKind
 from pa10cal.results.record import EffectName
-from pa10cal.terms.weights import LogFault
+from pa10cal.terms.statement_faults import LogFault
 
 
 class DiagnosedFault(Fault):

@@ -34,8 +34,9 @@ from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import is_error_map
 from pa10cal.terms.effects.vocabulary import candidates
 from pa10cal.terms.joint_spring import is_spring
+from pa10cal.terms.statement_faults import fault_candidates, is_fault
 from pa10cal.terms.term import Term, shows_torque
-from pa10cal.terms.weights import fault_candidates, holds_weights, is_fault
+from pa10cal.terms.weights import holds_weights
 
 
 @dataclass(frozen=True)

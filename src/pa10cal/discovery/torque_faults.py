@@ -31,7 +31,7 @@ from pa10cal.results.discovery import EvidenceByTorques
 from pa10cal.rules import MASSES
 from pa10cal.terms.effects.context import CandidateContext
 from pa10cal.terms.effects.joint import FalseTorque, FrictionTorque, TorqueGain
-from pa10cal.terms.weights import WeightStated, fault_candidates
+from pa10cal.terms.statement_faults import WeightStated, fault_candidates
 
 
 def stated_wrongly(

@@ -57,7 +57,7 @@ from pa10cal.results.maps import JointWitness
 from pa10cal.terms.effects.context import CandidateContext
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import is_error_map
-from pa10cal.terms.weights import is_fault
+from pa10cal.terms.statement_faults import is_fault
 
 
 @dataclass(frozen=True)

@@ -33,8 +33,8 @@ from pa10cal.results.maps import FallsBack
 from pa10cal.results.number_text import shown_probability
 from pa10cal.results.record import CampaignIdentity
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
+from pa10cal.terms.statement_faults import is_fault
 from pa10cal.terms.term import Report, yields
-from pa10cal.terms.weights import is_fault
 from pa10cal.terms.wording import fault_text
 
 

@@ -19,8 +19,9 @@ from pa10cal.terms.effects.vocabulary import every_effect
 from pa10cal.terms.field import Field, Nameless, is_nameless
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.offsets import Offsets
+from pa10cal.terms.statement_faults import FAULTS
 from pa10cal.terms.term import OPTIONAL, Term
-from pa10cal.terms.weights import FAULTS, Weights, holds_weights
+from pa10cal.terms.weights import Weights, holds_weights
 from pa10cal.terms.wrapped import OfCampaign, of_one_campaign
 
 

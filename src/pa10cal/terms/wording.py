@@ -15,7 +15,7 @@ from pa10cal.results.record import EffectName
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.vocabulary import every_effect
 from pa10cal.terms.field import Field
-from pa10cal.terms.weights import FAULTS
+from pa10cal.terms.statement_faults import FAULTS
 from pa10cal.terms.wrapped import OF
 
 _JOINT = "joint "

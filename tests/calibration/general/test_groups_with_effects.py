@@ -21,7 +21,7 @@ from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted import FittedTo
 from pa10cal.observe.joined import GroupCampaign, join
 from pa10cal.terms.effects.joint import SoftWindup
-from pa10cal.terms.weights import CampaignToolStated
+from pa10cal.terms.statement_faults import CampaignToolStated
 
 ARM, NOISE_M = load_arm("ur10"), 4e-5
 SOFT, SPAN_NM = (2, 3), 100.0

@@ -14,8 +14,8 @@ from pa10cal.terms import effects
 from pa10cal.terms.effects.effect import AtJoint, Effect
 from pa10cal.terms.effects.joint import most_wound_up
 from pa10cal.terms.effects.vocabulary import candidates, every_effect
+from pa10cal.terms.statement_faults import FAULTS
 from pa10cal.terms.term import shows_torque, yields
-from pa10cal.terms.weights import FAULTS
 from pa10cal.terms.wording import clause_of, driver_of, noun_of
 
 ARM = load_arm("pa10_6ce")

@@ -9,7 +9,7 @@ from made_up_poses import at_rest, context_of
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.statics import Payload, across, statics
 from pa10cal.files.arms import load_arm
-from pa10cal.terms.weights import (
+from pa10cal.terms.statement_faults import (
     CampaignToolStated,
     GravityStated,
     LoadStated,

@@ -27,8 +27,8 @@ from pa10cal.fit.problem import Problem
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.results import calibration as records
 from pa10cal.results.calibration import InputFinding
+from pa10cal.terms.statement_faults import ToolStated
 from pa10cal.terms.term import TermParameter
-from pa10cal.terms.weights import ToolStated
 from pa10cal.terms.wrapped import OF
 
 #: Unit in which a parameter is shown, and the factor to it (unit).

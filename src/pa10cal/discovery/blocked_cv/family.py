@@ -25,7 +25,7 @@ from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.numerics.periodic_spline import harmonic_orders
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import FadingPrior, JointErrorMap, is_error_map
-from pa10cal.terms.weights import is_fault
+from pa10cal.terms.statement_faults import is_fault
 
 
 @dataclass(frozen=True)

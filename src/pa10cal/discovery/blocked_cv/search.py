@@ -29,7 +29,7 @@ from pa10cal.discovery.proof import needed_nats
 from pa10cal.discovery.rules import BLOCKS
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import is_error_map
-from pa10cal.terms.weights import is_fault
+from pa10cal.terms.statement_faults import is_fault
 
 
 class Search:

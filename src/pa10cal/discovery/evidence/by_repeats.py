@@ -77,8 +77,8 @@ from pa10cal.terms.effects.context import CandidateContext
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.forms.form import Form
 from pa10cal.terms.offsets import motion_of_base
+from pa10cal.terms.statement_faults import is_fault
 from pa10cal.terms.term import shows_torque
-from pa10cal.terms.weights import is_fault
 
 #: Times by which averaged poses differ less than this are the same [s] (computing).
 _SAME_TIME_S = 1e-3

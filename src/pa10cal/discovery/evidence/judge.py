@@ -28,7 +28,7 @@ from pa10cal.observe.observations import reading_groups
 from pa10cal.results.discovery import Unexplained
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
-from pa10cal.terms.weights import is_fault
+from pa10cal.terms.statement_faults import is_fault
 
 
 @dataclass(frozen=True)
