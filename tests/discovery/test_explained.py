@@ -7,7 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pa10cal.discovery.explained import ErrorsOfModels, explained_by, explained_errors
+from pa10cal.discovery.explained import (
+    ErrorsOfModels,
+    explained_by,
+    explained_errors,
+    interval_of_share,
+)
 from pa10cal.discovery.finding import Finding
 from pa10cal.discovery.proof import ComplianceProof
 from pa10cal.results.discovery import ExplainedEffect
@@ -164,6 +169,7 @@ def test_before_is_the_model_without_springs_and_without_effects(calibrated_mm, 
     found = explained_errors(
         ErrorsOfModels(
             over="held-out poses",
+            pose=np.arange(50).astype(str),
             noise_mm=NOISE_MM,
             calibrated_mm=errors(calibrated_mm),
             named_mm=errors(0.12),
@@ -176,7 +182,33 @@ def test_before_is_the_model_without_springs_and_without_effects(calibrated_mm, 
     assert found.before_mm == pytest.approx(max(calibrated_mm, all_rigid_mm))
     assert found.after_mm == pytest.approx(0.12)
     assert found.share + found.without_a_name == pytest.approx(1.0)
+    assert found.interval95[0] <= found.share <= found.interval95[1]
+    assert wording.interval_text(found).startswith("Over other poses like the held-out poses the ")
     assert {each.of for each in found.of} == {"joint 2", "joint 3"}
+
+
+@pytest.mark.parametrize(("poses", "left_mm"), [(20, 0.15), (45, 0.3), (45, 0.1)])
+def test_the_interval_of_the_share_holds_that_of_all_poses(poses, left_mm):
+    """Errors of noise, and of a model before and after, over few poses drawn from many."""
+    rng, noise_mm = np.random.default_rng(5), 0.1
+
+    def drawn(count):
+        noise = rng.normal(0.0, noise_mm / np.sqrt(3.0), (count, 3))
+        lacks = rng.normal(0.0, 1.0 / np.sqrt(3.0), (2, count, 3))
+        before, after = noise + 0.5 * lacks[0] + left_mm * lacks[1], noise + left_mm * lacks[1]
+        return np.linalg.norm(before, axis=1), np.linalg.norm(after, axis=1)
+
+    before, after = drawn(100_000)
+    share = 1.0 - (np.mean(after**2) - noise_mm**2) / (np.mean(before**2) - noise_mm**2)
+    labels = np.arange(poses).astype(str)
+    found = np.array([interval_of_share(*drawn(poses), labels, noise_mm) for _ in range(400)])
+    inside = np.mean((found[:, 0] <= share) & (share <= found[:, 1]))
+    assert 0.9 < inside < 0.99
+    # poses of two loads each, and alike, say no more than half as many
+    twice = [np.repeat(each, 2) for each in drawn(poses)]
+    alone = interval_of_share(twice[0][::2], twice[1][::2], labels, noise_mm)
+    assert interval_of_share(*twice, np.repeat(labels, 2), noise_mm) == pytest.approx(alone)
+    assert interval_of_share(*twice, np.full(2 * poses, "A"), noise_mm) is None
 
 
 @pytest.mark.parametrize(

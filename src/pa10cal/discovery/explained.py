@@ -13,6 +13,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.special import stdtrit
 
 from pa10cal.arrays import Array, rms
 from pa10cal.discovery.finding import Finding, name_of
@@ -28,6 +30,7 @@ class ErrorsOfModels:
     """Position errors of several models at the same P poses."""
 
     over: Literal["held-out poses", "fitted poses"]  # what the poses are
+    pose: NDArray[np.str_]  # (P,) labels: errors under several loads of one pose go together
     noise_mm: float  # root mean square error that noise alone would leave
     calibrated_mm: Array  # (P,) of the calibrated model
     named_mm: Array  # (P,) of the model with the effects found
@@ -44,18 +47,46 @@ def explained_errors(
         springs: joints that give way, whose springs the calibrated model has already.
         by_joint: (n,) part of the field that follows each joint; None without a field.
     """
-    before_mm, effects = rms(errors.calibrated_mm), []
+    before, effects = [errors.calibrated_mm], []
     for spring in springs:
         weights = spring.proof.weights
         assumed: Literal["assumed"] | None = "assumed" if weights in ("assumed", "total") else None
         effects.append(taken_away(spring, spring.proof.without_each_mm, errors.named_mm, assumed))
         # The model with rigid joints has the effects; without them its error is no less.
-        before_mm = max(before_mm, rms(spring.proof.all_rigid_each_mm))
+        before.append(spring.proof.all_rigid_each_mm)
     for finding, without_mm in errors.without_mm.items():
         effects.append(taken_away(finding, without_mm, errors.named_mm))
     if by_joint is not None:
         effects.append(by_field(by_joint, errors.named_mm, errors.exported_mm))
-    return explained_by(effects, before_mm, errors.noise_mm, errors.over)
+    before_mm = max(before, key=rms)
+    found = explained_by(effects, rms(before_mm), errors.noise_mm, errors.over)
+    if found is None or not effects:
+        return found
+    after_mm = errors.named_mm if by_joint is None else errors.exported_mm
+    interval95 = interval_of_share(before_mm, after_mm, errors.pose, errors.noise_mm)
+    return found.model_copy(update={"interval95": interval95})
+
+
+def interval_of_share(
+    before_mm: Array, after_mm: Array, pose: NDArray[np.str_], noise_mm: float
+) -> tuple[float, float] | None:
+    """Return the 95 % interval of the share that is explained over poses like these P.
+
+    By the delta method: the share is a ratio of means of squares, paired over poses. None where
+    all are of one label.
+    """
+    _, group = np.unique(pose, return_inverse=True)
+    before, after = (
+        np.bincount(group, errors_mm**2 - noise_mm**2) / np.bincount(group)
+        for errors_mm in (before_mm, after_mm)
+    )
+    if len(before) < 2:
+        return None
+    left = float(after.mean() / before.mean())
+    std = float(np.std(after - left * before, ddof=1) / before.mean()) / np.sqrt(len(before))
+    half = float(stdtrit(len(before) - 1, 0.5 + JUDGING.gap_level / 2.0)) * std
+    low, high = np.clip([1.0 - left - half, 1.0 - left + half], 0.0, 1.0).tolist()
+    return low, high
 
 
 def taken_away(

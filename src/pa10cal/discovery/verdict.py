@@ -554,6 +554,7 @@ class Verdict(Generic[S]):
             calibrated = errors_of(self.scorer.model_with(()), gap.poses)
         return ErrorsOfModels(
             over=over,
+            pose=gap.poses.pose[rows],
             noise_mm=gap.noise_rms_mm,
             calibrated_mm=calibrated.distance_mm[rows],
             named_mm=named.found_after.distance_mm[rows],

@@ -26,6 +26,7 @@ from pa10cal.results.record import EffectName, Name
 from pa10cal.terms.wording import (
     explained_or_predicted,
     headline,
+    interval_text,
     percent,
     place_in_words,
     sentences,
@@ -138,6 +139,8 @@ def verdict(results: ResultsBundle, record: VerdictRecord) -> Iterator[PageBlock
     if lead is not None:
         yield Paragraph(sentence(headline(lead)), lead=True)
         yield Items(sentences(lead))
+        if interval := interval_text(lead):
+            yield Paragraph(interval)
     yield Paragraph(_verdict_sentence(results, record), lead=lead is None)
     yield grid(
         "Faults of the log",

@@ -434,6 +434,8 @@ class Explained(record.Part):
     # part of the variance of the position error beyond noise that the model loses by the effects, 0
     # to 1
     share: float
+    # its 95 % interval over poses like these; not given where nothing is explained
+    interval95: tuple[float, float] | None = record.optional()
     # what each effect takes away, the largest share first; shares sum to `share`
     of: tuple[ExplainedEffect, ...]
     without_a_name: float  # part that remains, 1 less `share`

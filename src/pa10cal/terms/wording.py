@@ -56,6 +56,14 @@ def sentences(explained: Explained) -> tuple[str, ...]:
     return tuple(_sentence(group, explained.before_mm) for group in shown)
 
 
+def interval_text(explained: Explained) -> str:
+    """Return over how many such poses the share is known, in a sentence; empty if not known."""
+    if explained.interval95 is None:
+        return ""
+    low, high = map(percent, explained.interval95)
+    return f"Over other poses like the {explained.over} the share is from {low} to {high} (95 %)."
+
+
 def percent(share: float) -> str:
     """Return a share in per cent; it is never rounded to all or nothing."""
     if 0.0 < share < 0.01:
