@@ -167,6 +167,18 @@ def test_numbers_are_no_targets(sightings, read, column, value):
     assert found.quarantined == ()
 
 
+@pytest.mark.parametrize(
+    ("column", "told"), [("Target", True), ("Target speed", False), ("Target", False)]
+)
+def test_targets_in_the_log_of_joints_are_to_be_copied(sightings, read, column, told):
+    table = sightings[1]
+    one = table[table["Target"] == "A"].drop(columns="Target").reset_index(drop=True)
+    words = ("1", "2", "3") if told or column != "Target" else ("1", "")
+    joints = one[["Name", *Q]].assign(**{column: np.resize(words, len(one))})
+    text, _ = read(joints, one[["Name", "X", "Y", "Z"]])
+    assert (f"{column} of export0.csv says which target a row is of" in text) == told
+
+
 @pytest.mark.parametrize("logs", [1, 2])
 def test_places_of_a_grid_are_no_targets(sightings, read, logs):
     """Between them the arm moves, as it does not between targets of one pose."""

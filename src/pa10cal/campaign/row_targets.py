@@ -120,8 +120,8 @@ def named_in_other_log(joints: Sniffed, file: str, readings: str) -> list[str]:
         f"target: {joints.titled(name)} of {file} says which target a row is of, and is not read "
         f"there: copy that column into {readings}, and run pa10cal columns again"
         for name in joints.names
-        if has_word(words_of_name(joints.titled(name)), "one target")
-        and 2 <= len(set(joints.words(name))) <= _MOST_TARGETS
+        if _names_target(joints.titled(name))
+        and 2 <= len({*joints.words(name)} - {""}) <= _MOST_TARGETS
     ]
 
 
