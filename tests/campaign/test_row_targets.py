@@ -156,9 +156,10 @@ def test_other_labels_have_no_endings():
         ("Temperature [C]", lambda k: f"{20 + 0.1 * k:.1f}"),
         ("Humidity", lambda k: f"{43 - 0.1 * k:.1f}"),
         ("Target speed", lambda k: str((100, 250, 500)[k % 3])),
+        ("Target locked", lambda k: str(k % 4 > 0)),
     ],
 )
-def test_numbers_are_no_targets(sightings, read, column, value):
+def test_what_is_no_name_is_no_target(sightings, read, column, value):
     table = sightings[1]
     one = table[table["Target"] == "A"].drop(columns="Target").reset_index(drop=True)
     one[column] = [value(k) for k in range(len(one))]

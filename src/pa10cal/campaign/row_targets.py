@@ -102,9 +102,9 @@ def _free_columns(sniffed: Sniffed, roles: Roles) -> list[str]:
 
 
 def _names_target(title: str) -> bool:
-    """Return whether a column is named after targets, and not after their speed or the like."""
+    """Return whether a column is named after targets, and not after their speed, state or size."""
     words = words_of_name(title)
-    return has_word(words, "one target") and not has_word(words, "no position")
+    return has_word(words, "one target") and not has_word(words, "no position", "no name")
 
 
 def _frequent(words: Sequence[str]) -> tuple[list[str], float]:
