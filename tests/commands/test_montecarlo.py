@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+from importlib.resources import files
 
 import pytest
 
@@ -135,3 +136,18 @@ def test_planes_of_the_same_arm_are_taken_over_under_the_own_name(out, tmp_path,
     words = arguments(tmp_path / "other.json", sigma_deg=0.1)
     assert run_command("montecarlo", [*words, "--same-arm", str(out.parent)]) == 2
     assert "(got 'sigma_deg 0.011'); allowed: sigma_deg 0.1" in capsys.readouterr().err
+
+
+def test_planes_of_another_height_or_of_an_arm_with_other_rows_are_not_taken_over(
+    out, tmp_path, capsys
+):
+    renamed, own = tmp_path / "z300.json", tmp_path / "pa10_6ce.yaml"
+    renamed.write_bytes(out.read_bytes())
+    words = arguments(tmp_path / "other.json", plane_mm=300)
+    assert run_command("montecarlo", [*words, "--same-arm", str(tmp_path)]) == 2
+    assert "(got 'plane_mm 500'); allowed: plane_mm 300" in capsys.readouterr().err
+    shipped = files("pa10cal.files").joinpath("arms", "pa10_6ce.yaml").read_text(encoding="utf-8")
+    own.write_text(shipped.replace("a_m: 0.450", "a_m: 0.451"), encoding="utf-8")
+    words = arguments(tmp_path / "other.json", robot=str(own))
+    assert run_command("montecarlo", [*words, "--same-arm", str(out.parent)]) == 2
+    assert "got 'closed_form_mean_mm" in capsys.readouterr().err

@@ -6,7 +6,7 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from pa10cal.options import MonteCarloOptions
 
@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 
 #: Lines of progress that a plane prints.
 _PROGRESS_LINES = 10
+#: Fewest cycles of a plane, where only its closed form is wanted, and the key that differs by arm.
+_FEWEST_CYCLES, _OF_ARM = 2, "closed_form_mean_mm"
 
 
 def montecarlo(
@@ -54,24 +56,26 @@ def montecarlo(
     from pa10cal.results.montecarlo import PlaneNotStudied, PlaneRecord
 
     arm = arm_asked(robot, campaign_dir)
-    robot = arm.name
     for height_mm in settings.planes_mm if plane_mm is None else (plane_mm,):
         file = out / f"z{height_mm}.json" if plane_mm is None else out
         same = None if same_arm is None else same_arm / f"z{height_mm}.json"
         try:
             if same is None or schema_of(same) == PlaneNotStudied.SCHEMA:
                 progress = _progress(f"montecarlo z = {height_mm} mm", settings.cycles)
-                record = study_plane(arm, height_mm, settings, campaign, robot, progress)
+                record = study_plane(arm, height_mm, settings, campaign, arm.name, progress)
             else:
                 record = read(PlaneRecord, same)
-                _refuse_other_study(record, robot, settings, same)
+                few = settings.model_copy(update={"cycles": _FEWEST_CYCLES})
+                own = study_plane(arm, height_mm, few, campaign, arm.name)
+                _refuse_other_study(record, same, own, settings.cycles)
                 record = record.model_copy(update={"campaign": campaign})
         except (ArmError, OutOfReachError) as refusal:
             if not skip_out_of_reach:
                 raise
             why = refusal.what
             write(
-                PlaneNotStudied(campaign=campaign, robot=robot, plane_mm=height_mm, why=why), file
+                PlaneNotStudied(campaign=campaign, robot=arm.name, plane_mm=height_mm, why=why),
+                file,
             )
             print(f"{campaign} z = {height_mm} mm: not studied, {why}")
             continue
@@ -82,33 +86,41 @@ def montecarlo(
         )
 
 
-def _refuse_other_study(
-    record: PlaneRecord, robot: str, settings: MonteCarloOptions, path: Path
-) -> None:
-    """Refuse the record of a plane, from a file, of another arm or with other settings."""
+def _refuse_other_study(record: PlaneRecord, path: Path, own: PlaneRecord, cycles: int) -> None:
+    """Refuse the record of a plane, from a file, that is of another arm or has other settings.
+
+    Arms of one name may differ in their rows: the closed form shows it.
+
+    Args:
+        own: the record of the plane that is wanted, by fewer than the cycles wanted.
+    """
     from pa10cal.errors import RecordError
 
-    names = ("cycles", "positions", "sigma_deg", "reach_m", "random_seed")
-    found: dict[str, Any] = {"robot": record.robot, "map_spacing_mm": record.map.spacing_mm}
-    found |= {name: getattr(record, name) for name in names}
-    wanted = {"robot": robot} | {name: getattr(settings, name) for name in found if name != "robot"}
-    if other := [name for name in wanted if found[name] != wanted[name]]:
+    names = ("robot", "plane_mm", "positions", "sigma_deg", "reach_m", "random_seed", _OF_ARM)
+    found, wanted = (
+        {name: getattr(each, name) for name in names}
+        | {"cycles": drawn, "map_spacing_mm": each.map.spacing_mm}
+        for each, drawn in ((record, record.cycles), (own, cycles))
+    )
+    other = [name for name in wanted if found[name] != wanted[name]]
+    if other:
+        told = [name for name in other if name != _OF_ARM] or other  # it follows the settings too
         raise RecordError(
             "planes of another arm or with other settings",
             where=str(path),
-            value=", ".join(f"{name} {found[name]}" for name in other),
-            allowed=", ".join(f"{name} {wanted[name]}" for name in other),
+            value=", ".join(f"{name} {found[name]}" for name in told),
+            allowed=", ".join(f"{name} {wanted[name]}" for name in told),
             remedy="leave --same-arm out",
         )
 
 
 def _progress(title: str, cycles: int) -> Callable[[int, int], None]:
     """Return a function that prints how many places are drawn, how fast, and the time left."""
-    began_s, lines_printed = 0.0, 0
+    began_s, lines_printed = time.monotonic(), 0
 
     def show(done: int, places: int) -> None:
         nonlocal began_s, lines_printed
-        if done == 0:
+        if done == 0:  # places are found, and drawing begins
             began_s = time.monotonic()
         lines = done * _PROGRESS_LINES // places
         if lines == lines_printed:
