@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -240,6 +240,34 @@ class RawFile:
 
     def _translated(self, columns: FileColumns, wanted: set[str], *, repeats: bool) -> RawRows:
         """Return rows under the contract's names, in its units."""
+        raw = every = self._mapped_rows(columns, repeats=repeats)
+        rotation = columns.rotation if wanted & set(QUATERNION) else None
+        if rotation is not None:
+            raw = _rows_with_rotation(raw, rotation)
+        of_targets: _RowsOfTargets | None = None
+        if columns.target is not None and columns.position is not None:
+            raw = raw.finite(columns.position.names, may_be_blank=True)
+            of_targets = _RowsOfTargets.of(raw, columns.target)
+            raw = of_targets.raw
+        made = _polar_columns(raw, columns, wanted)
+        if rotation is not None:
+            made.values.update(_quaternion_columns(raw, rotation))
+        for name in sorted(wanted - {*made.values, *(f"u_{part}" for part in QUATERNION)}):
+            made.values[name], texts = self._translated_column(raw, columns, name)
+            if texts is not None:
+                made.non_numeric[name] = texts
+        if rotation is not None and rotation.inverse == "pose":
+            made.values.update(_places_of_inverse_poses(made.values))
+        if columns.kind is not None and "kind" in made.values:
+            words, kinds = columns.kind.words, made.values["kind"]
+            made.values["kind"] = np.array([words.get(kind, kind) for kind in kinds], dtype=object)
+        translated = replace(raw, columns=made.values, non_numeric=made.non_numeric, own=self.words)
+        if of_targets is None:
+            return translated
+        return self._one_row_a_pose(translated, of_targets, columns, every)
+
+    def _mapped_rows(self, columns: FileColumns, *, repeats: bool) -> RawRows:
+        """Return the rows of the columns that are mapped, under their own names."""
         raw = read_rows(
             self.path,
             self.own_names,
@@ -250,67 +278,45 @@ class RawFile:
             within=self.path.parent,
             label=columns.pose[0] if columns.pose else "",
         )
-        raw = everything = replace(raw, unused=())
-        rotation = columns.rotation if wanted & set(QUATERNION) else None
-        if rotation is not None:
-            raw = _rows_with_rotation(raw, rotation)
-        of_targets: _RowsOfTargets | None = None
-        if columns.target is not None and columns.position is not None:
-            raw = raw.finite(columns.position.names, may_be_blank=True)
-            of_targets = _RowsOfTargets.of(raw, columns.target)
-            raw = of_targets.raw
-        made: dict[str, NDArray[Any]] = {}
-        non_numeric: dict[str, dict[int, str]] = {}
-        for before, place, polar in columns.polar_places():
-            ours = [f"{before}{axis}_mm" for axis in "xyz"]
-            xyz_mm = polar_to_xyz(raw.numbers_of(place.names), polar, place.unit)
-            made |= {name: mm for name, mm in zip(ours, xyz_mm.T, strict=True) if name in wanted}
-            # A field that is no number is one of all three coordinates.
-            texts = {
-                line: text for own in place.names for line, text in raw.non_numeric[own].items()
-            }
-            non_numeric |= dict.fromkeys(ours, texts)
-        if rotation is not None:
-            made |= _quaternion_columns(raw, rotation)
-        for name in sorted(wanted - {*made, *(f"u_{part}" for part in QUATERNION)}):
-            source = self.words.sources[name]
-            if name in TEXT:
-                made[name] = raw.text_of(source.name).astype(object)
-            elif name == "time_s" and columns.time and columns.time.format:
-                seconds, text = _clock(raw, columns.time, from_first=self.key == "poses")
-                made[name], unread = seconds, np.flatnonzero(np.isnan(seconds))
-                non_numeric[name] = {int(raw.line[k]): text[k] for k in unread}
-            elif name == "time_s" and columns.time and len(columns.time.names) > 1:
-                parts = zip(columns.time.names, columns.time.unit, strict=True)
-                made[name] = np.sum([FACTORS[unit] * raw.columns[own] for own, unit in parts], 0)
-                texts_of_parts = (raw.non_numeric[own] for own in columns.time.names)
-                non_numeric[name] = {
-                    n: text for texts in texts_of_parts for n, text in texts.items()
-                }
-            else:
-                values = source.factor * raw.columns[source.name] + source.offset
-                # An uncertainty of 0 states nothing.
-                unstated = name.startswith("u_") & (values == 0.0)
-                made[name] = np.where(unstated, np.nan, values)
-                non_numeric[name] = raw.non_numeric[source.name]
-        if rotation is not None and rotation.inverse == "pose":
-            made |= _places_of_inverse_poses(made)
-        if columns.kind is not None and "kind" in made:
-            words = columns.kind.words
-            made["kind"] = np.array([words.get(word, word) for word in made["kind"]], dtype=object)
-        translated = replace(raw, columns=made, non_numeric=non_numeric, own=self.words)
-        if columns.target is None or of_targets is None:
-            return translated
-        if columns.pose == columns.target.names and "pose" in made:
-            translated = translated.with_columns({"pose": of_targets.label.astype(object)})
-        stated = [name for name in ("pose", "kind", "load_N", "repeat") if name in made]
-        keys = {name: everything[self.words.sources[name].name] for name in stated}
-        if columns.pose == columns.target.names and "pose" in keys:
-            fields = everything.text_of(columns.target.names[0]).tolist()
-            keys["pose"] = np.array([columns.target.of(field)[0] for field in fields], dtype=object)
-        every = pd.DataFrame(keys, index=everything.line)
-        q = position_columns(self.prismatic)
-        return _one_row_a_pose(translated, of_targets.target, q, every)
+        return replace(raw, unused=())
+
+    def _translated_column(
+        self, raw: RawRows, columns: FileColumns, name: str
+    ) -> tuple[NDArray[Any], dict[int, str] | None]:
+        """Return a column of the contract, and by line the fields of numbers that are none.
+
+        None for such fields where it is text.
+        """
+        source, time = self.words.sources[name], columns.time
+        if name in TEXT:
+            return raw.text_of(source.name).astype(object), None
+        if name == "time_s" and time and time.format:
+            seconds, text = _clock(raw, time, from_first=self.key == "poses")
+            unread = np.flatnonzero(np.isnan(seconds))
+            return seconds, {int(raw.line[k]): text[k] for k in unread}
+        if name == "time_s" and time and len(time.names) > 1:
+            parts = zip(time.names, time.unit, strict=True)
+            seconds = np.sum([FACTORS[unit] * raw.columns[own] for own, unit in parts], 0)
+            return seconds, _texts_of(raw, time.names)
+        values = source.factor * raw.columns[source.name] + source.offset
+        # An uncertainty of 0 states nothing.
+        unstated = name.startswith("u_") & (values == 0.0)
+        return np.where(unstated, np.nan, values), raw.non_numeric[source.name]
+
+    def _one_row_a_pose(
+        self, raw: RawRows, of_targets: _RowsOfTargets, columns: FileColumns, every: RawRows
+    ) -> RawRows:
+        """Return one row for each configuration, by what all rows of the file state."""
+        target = columns.target
+        assert target is not None
+        stated = [name for name in ("pose", "kind", "load_N", "repeat") if name in raw.columns]
+        keys = {name: every[self.words.sources[name].name] for name in stated}
+        if columns.pose == target.names and "pose" in keys:  # one column names pose and target
+            raw = raw.with_columns({"pose": of_targets.label.astype(object)})
+            fields = every.text_of(target.names[0]).tolist()
+            keys["pose"] = np.array([target.of(field)[0] for field in fields], dtype=object)
+        by_line = pd.DataFrame(keys, index=every.line)
+        return _one_row_a_pose(raw, of_targets.target, position_columns(self.prismatic), by_line)
 
     def _unmapped(self, missing: Sequence[str]) -> RawDataError:
         key = rule_of(missing[0]).key
@@ -341,6 +347,30 @@ def _rows_with_rotation(raw: RawRows, rotation: RotationColumns) -> RawRows:
     off = no_rotation(raw.numbers_of(rotation.names), rotation)
     raw = raw.take(~off, f"{', '.join(rotation.names[:2])} …: no rotation")
     return raw if rotation.u is None else raw.finite(rotation.u, may_be_blank=True)
+
+
+class _Columns(NamedTuple):
+    """Columns of the contract."""
+
+    values: dict[str, NDArray[Any]]
+    non_numeric: dict[str, dict[int, str]]  # fields that are no number, by line
+
+
+def _polar_columns(raw: RawRows, columns: FileColumns, wanted: set[str]) -> _Columns:
+    """Return the places of readings that are stated as two angles and a distance."""
+    made = _Columns({}, {})
+    for before, place, polar in columns.polar_places():
+        ours = [f"{before}{axis}_mm" for axis in "xyz"]
+        xyz_mm = polar_to_xyz(raw.numbers_of(place.names), polar, place.unit)
+        made.values.update((k, mm) for k, mm in zip(ours, xyz_mm.T, strict=True) if k in wanted)
+        # A field that is no number is one of all three coordinates.
+        made.non_numeric.update(dict.fromkeys(ours, _texts_of(raw, place.names)))
+    return made
+
+
+def _texts_of(raw: RawRows, names: Sequence[str]) -> dict[int, str]:
+    """Return the fields of several columns that are no number, by line."""
+    return {line: text for name in names for line, text in raw.non_numeric[name].items()}
 
 
 def _quaternion_columns(raw: RawRows, rotation: RotationColumns) -> dict[str, Array]:
