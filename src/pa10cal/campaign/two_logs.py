@@ -211,12 +211,11 @@ class TwoLogs:
         columns |= zip(q, as_logged(stations.q_deg[row], self.arm).T, strict=True)
         further = dict(zip(tau, stations.tau_Nm.T, strict=False))
         further |= _uncertainties(logged, stations, [*q, *tau], self.arm.coupling.own)
+        if "temperature_C" not in columns:
+            further["temperature_C"] = stations.temperature_C
         for name, values in further.items():
             if name in (*tau, *optional) and np.isfinite(values).any():
                 columns[name] = values[row]
-        all_known = bool(np.isfinite(stations.temperature_C).all())
-        if "temperature_C" in optional and "temperature_C" not in columns and all_known:
-            columns["temperature_C"] = stations.temperature_C[row]
         columns |= {f"arrival{k}": v[row] for k, v in enumerate(stations.arrival.T, start=1)}
         columns["dwell_samples"] = stations.samples[row]
         return replace(joined.readings, columns=columns)
@@ -356,10 +355,11 @@ class TwoLogs:
 
 def _from_first_time(rows: RawRows) -> RawRows:
     """Return rows with times from the first reading where they count from 1970."""
-    time_s = rows.columns.get("time_s")
-    if time_s is None or np.nanmin(time_s, initial=np.inf) < SINCE_1970:
+    time_s = rows.columns.get("time_s", np.zeros(0))
+    first_s = np.nanmin(time_s, initial=np.inf)  # infinite where no row has a time
+    if not SINCE_1970 <= first_s < np.inf:
         return rows
-    return rows.with_columns({"time_s": time_s - np.nanmin(time_s)})
+    return rows.with_columns({"time_s": time_s - first_s})
 
 
 def _of_both_files(rows: RawRows, logged: RawRows, joined: JoinedReadings) -> RawRows:
