@@ -1,6 +1,7 @@
 """The motor's ripple says whether a joint's sensor or its gear errs."""
 
 from dataclasses import replace
+from itertools import permutations
 
 import numpy as np
 import pytest
@@ -167,6 +168,14 @@ def test_another_error_does_not_agree():
     other = turning(0.0, 6.0, seed=4)
     shifted = replace(other, error_rad=3e-4 * np.sin(13.0 * other.q_rad))
     assert not agreement([one, shifted]).holds
+
+
+def test_campaigns_agree_alike_in_any_order_and_less_where_their_errors_differ_in_size():
+    three = [turning(0.0, 6.0, factor, seed) for seed, factor in enumerate((0.6, 1.0, 1.5))]
+    found = [agreement(order).correlation for order in permutations(three)]
+    np.testing.assert_allclose(found, found[0], rtol=1e-9)
+    assert found[0] < 0.95
+    assert not agreement([turning(0.0, 6.0), turning(0.0, 6.0, 0.4, seed=1)]).holds
 
 
 def test_one_turn_of_one_campaign_says_nothing():

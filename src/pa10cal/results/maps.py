@@ -101,8 +101,9 @@ LEAST_ARCS = 15
 class Agreement(Part):
     """How well campaigns, or turns of the joint, agree on its error where two of them were."""
 
-    correlation: float  # of their means in arcs of 3 deg, noise taken off
-    slope: float  # of one by the other
+    # of their means in arcs of 3 deg, noise taken off; less where the errors differ in size alone
+    correlation: float
+    slope: float  # of the later by the earlier
     arcs: int  # pairs of means compared
 
     @property

@@ -212,7 +212,8 @@ def agreement(series: Sequence[JointSeries]) -> Agreement | None:
         count += int(both.sum())
     if not count or np.any(squares <= RIPPLE.sure_std * _noise_std(turns, weights)):
         return None
-    correlation = float(np.clip(product / np.sqrt(squares.prod()), -1.0, 1.0))
+    # By the mean of both squares: errors of one form and unlike sizes agree less, in any order.
+    correlation = float(np.clip(product / squares.mean(), -1.0, 1.0))
     return Agreement(correlation=correlation, slope=product / float(squares[0]), arcs=count)
 
 
