@@ -12,6 +12,12 @@ from pa10cal.discovery.jacobians import by_terms, residual_and_jacobian
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.frame.point_fits import fit_rigid
 from pa10cal.observe.points import Points
+from pa10cal.terms.effects.structure import (
+    BaseCompliance,
+    LateralCompliance,
+    LinkBending,
+    LinkTorsion,
+)
 from pa10cal.terms.model import Model
 
 
@@ -62,6 +68,24 @@ def test_a_twisted_forearm_turns_what_follows_about_its_axis(at, arm, states):
         turn = 1e-6 * axis * (axis @ frames[4][:3, :3] @ states.static_loads.link_Nm[p, 3])
         shift = np.cross(turn, frames[-1][:3, 3] - frames[4][:3, 3])
         np.testing.assert_allclose(moved[p], np.hstack([shift, turn]), atol=1e-15)
+
+
+@pytest.mark.parametrize("kind", [BaseCompliance, LinkBending, LinkTorsion, LateralCompliance])
+def test_a_light_arm_is_as_soft_as_it_is_light(kind, arm, context):
+    """Lengths of a thirtieth and masses by their cube turn as much under their own weight."""
+    small = replace(
+        arm,
+        a_m=arm.a_m / 30.0,
+        d_m=arm.d_m / 30.0,
+        mass_kg=arm.mass_kg / 27e3,
+        com_m=arm.com_m / 30.0,
+    )
+    moment_Nm = 0.5 * 9.81 * small.mass_kg.sum() * small.reach_m
+    for effect in kind.everywhere(replace(context, arm=small)):
+        turns_rad = [each.plausible * moment_Nm for each in effect.reported]
+        np.testing.assert_allclose(turns_rad, 3e-4)
+    for effect in kind.everywhere(context):
+        assert {each.plausible for each in effect.reported} == {kind.scale_and_size[1]}
 
 
 def test_a_compliant_base_tilts_under_the_overturning_moment(at, arm, states):

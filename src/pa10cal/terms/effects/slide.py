@@ -14,7 +14,7 @@ from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index
 from pa10cal.terms.effects.context import CandidateContext, Span
 from pa10cal.terms.effects.effect import AtJoint, Effect, Limits, static_loads_in
-from pa10cal.terms.effects.structure import Compliance, moment_of_arm_Nm
+from pa10cal.terms.effects.structure import Compliance
 from pa10cal.terms.term import OPTIONAL, Report, TermParameter
 
 #: Errors of rails as they are mounted: 0.05 to 0.5 mm, 0.05 to 0.5 mrad [m, rad].
@@ -256,7 +256,7 @@ class SlideBending(Compliance, AtSlide):
     def fields_of(cls, arm: Arm, joint: int) -> tuple[Any, ...] | None:
         if joint == arm.n:
             return None
-        return tuple(link_spans_m(arm)[joint - 1].tolist()), moment_of_arm_Nm(arm)
+        return tuple(link_spans_m(arm)[joint - 1].tolist()), cls.moment_of(arm)
 
     linear = 1  # proportional to c; o shapes it
 

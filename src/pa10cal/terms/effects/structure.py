@@ -26,17 +26,10 @@ _SHARE, _ACROSS, _TWICE = 0.3, 0.2, 0.3
 _BALANCED_NM = 1e3
 
 
-def moment_of_arm_Nm(arm: Arm) -> float | None:
-    """Return the moment of a stretched arm on its base; None where its weights are stated."""
-    if arm.mass_kg is None or not weights_known(arm).assumed:
-        return None
-    return 0.5 * GRAVITY_M_S2 * float(arm.mass_kg.sum()) * arm.reach_m
-
-
 class Compliance(Effect):
     """Something that bends or tilts in proportion to the forces and moments that it carries."""
 
-    #: Moment of the stretched arm, where its weights are assumed; None where they are stated.
+    #: Moment of the stretched arm, where its plausible size is relative to that; see `moment_of`.
     moment_of_arm_Nm: float | None
     #: Names of its compliances, and their scale and plausible size [rad/(N m)].
     names: ClassVar[tuple[str, ...]] = ("c",)
@@ -45,13 +38,22 @@ class Compliance(Effect):
     bends = True
     limits = Limits(positive=True)
 
+    @classmethod
+    def moment_of(cls, arm: Arm) -> float | None:
+        """Return the moment of a stretched arm, to which the plausible size is relative; or None.
+
+        Assumed weights may be wrong by any factor, and compliances then by its inverse. An arm so
+        light that it would hardly turn by the usual size is as much softer as it is lighter.
+        """
+        if arm.mass_kg is None or arm.mass_kg.sum() == 0.0:
+            return None
+        moment_Nm = 0.5 * GRAVITY_M_S2 * float(arm.mass_kg.sum()) * arm.reach_m
+        light = cls.scale_and_size[1] * moment_Nm < _TURN_RAD
+        return moment_Nm if light or weights_known(arm).assumed else None
+
     @property
     def reported(self) -> tuple[TermParameter, ...]:
-        """Return its compliances.
-
-        Assumed weights may be wrong by any factor, and compliances then by its inverse: the
-        plausible size is relative to the moment of the arm.
-        """
+        """Return its compliances."""
         scale, size = self.scale_and_size
         if self.moment_of_arm_Nm is not None:
             plausible = _TURN_RAD / self.moment_of_arm_Nm
@@ -89,7 +91,7 @@ class LinkEffect(Compliance):
         spans_m = link_spans_m(context.arm).tolist()
         rows = long_links(context.arm)
         return tuple(
-            cls(place, row, tuple(spans_m[row - 1]), moment_of_arm_Nm(context.arm))
+            cls(place, row, tuple(spans_m[row - 1]), cls.moment_of(context.arm))
             for place, row in zip(LONG_LINKS, rows, strict=False)  # a short arm has fewer
             if place in cls.places
         )
@@ -177,7 +179,7 @@ class LateralCompliance(Compliance, AtJoint):
 
     @classmethod
     def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
-        return None if joint == 1 else (moment_of_arm_Nm(context.arm),)
+        return None if joint == 1 else (cls.moment_of(context.arm),)
 
     @property
     def coordinates(self) -> tuple[str, ...]:
@@ -282,7 +284,7 @@ class BaseCompliance(Compliance):
 
     @classmethod
     def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...]:
-        return (moment_of_arm_Nm(context.arm),)
+        return (cls.moment_of(context.arm),)
 
     def per_unit(self, states: PoseStates) -> Array:
         """Return the overturning moments, each for the tilt about the same axis, (P, 2, 2)."""
