@@ -7,13 +7,11 @@ added to another. Axes are numbered from 1, and positions (P, m) are in radians 
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import Literal
 
 import numpy as np
-from typing_extensions import override
 
 from pa10cal.arm.coupling import CoupledJoint
 from pa10cal.arm.description import Arm, neighbouring_axes
@@ -31,20 +29,46 @@ CHECK_ALL = "check robot, and order, signs, zeros and units of all joints"
 
 
 @dataclass(frozen=True)
-class LogChange(ABC):
+class LogChange:
     """A change of what the controller is taken to count."""
 
-    kind: ClassVar[str]  # that of the finding
+    kind: Literal["joint_sign", "joint_order", "joint_coupling"]  # that of the finding
+    # axes of another sign; columns in which axes stand, the lowest axis first, of another order; or
+    # an axis, and that with which it moves
+    axes: tuple[int, ...]
+    factor: float = 0.0  # part of the second axis that is added to the first [rad, m]
 
-    axes: tuple[int, ...]  # whose columns are concerned; more in the subclasses
-
-    @abstractmethod
     def apply(self, positions: Array) -> Array:
         """Return positions of axes (P, m) with the change made."""
+        changed, columns = positions.copy(), [axis - 1 for axis in self.axes]
+        if self.kind == "joint_sign":
+            changed[:, columns] *= -1.0
+        elif self.kind == "joint_order":
+            changed[:, sorted(columns)] = positions[:, columns]
+        else:
+            changed[:, columns[0]] += self.factor * positions[:, columns[1]]
+        return changed
 
-    @abstractmethod
     def text(self, arm: Arm) -> str:
         """Return what seems wrong."""
+        first, *others = joints = self.joints(arm)
+        if self.kind == "joint_sign":
+            which = "signs of all joints are" if others else f"sign of joint {first} is"
+            return f"the {which} reversed"
+        if self.kind == "joint_order":
+            if len(joints) == 2:
+                return "joints {} and {} are exchanged".format(*sorted(joints))
+            return f"the columns are shifted: joint {min(joints)} stands in that of joint {first}"
+        by = others[0]
+        if arm.prismatic[first - 1] and not arm.prismatic[by - 1]:
+            return f"joint {first} slides as joint {by} turns"
+        if first == by + 1:
+            between = neighbouring_axes(arm)[by - 1]
+            row = between.row - 1
+            along = np.sign(np.cos(arm.alpha_rad[row]) * np.cos(arm.beta_rad[row]))
+            if between.parallel and not arm.prismatic[first - 1] and self.factor == -along:
+                return f"joint {first} is logged to the horizontal, not to the link of joint {by}"
+        return f"joint {first} moves with joint {by}"
 
     def joints(self, arm: Arm) -> tuple[int, ...]:
         """Return the joints, from 1, that the axes drive."""
@@ -52,93 +76,8 @@ class LogChange(ABC):
 
     def where(self, words: ColumnMap) -> str:
         """Return the names of the columns concerned."""
-        return ", ".join(words.joint(axis) for axis in self.axes)
-
-
-@dataclass(frozen=True)
-class Reversal(LogChange):
-    """The sign of one axis, or of all, is reversed."""
-
-    kind: ClassVar[str] = "joint_sign"
-
-    @override
-    def apply(self, positions: Array) -> Array:
-        changed = positions.copy()
-        changed[:, [axis - 1 for axis in self.axes]] *= -1.0
-        return changed
-
-    @override
-    def text(self, arm: Arm) -> str:
-        if len(self.axes) > 1:
-            return "the signs of all joints are reversed"
-        return f"the sign of joint {self.joints(arm)[0]} is reversed"
-
-
-@dataclass(frozen=True)
-class Exchange(LogChange):
-    """The columns of two axes are exchanged."""
-
-    kind: ClassVar[str] = "joint_order"
-
-    @override
-    def apply(self, positions: Array) -> Array:
-        changed, columns = positions.copy(), [axis - 1 for axis in self.axes]
-        changed[:, columns] = positions[:, columns[::-1]]
-        return changed
-
-    @override
-    def text(self, arm: Arm) -> str:
-        first, second = self.joints(arm)
-        return f"joints {first} and {second} are exchanged"
-
-
-@dataclass(frozen=True)
-class Shift(LogChange):
-    """All columns are shifted: axis k stands in the column of `axes[k - 1]`."""
-
-    kind: ClassVar[str] = "joint_order"
-
-    @override
-    def apply(self, positions: Array) -> Array:
-        changed = positions.copy()
-        changed[:] = positions[:, [axis - 1 for axis in self.axes]]
-        return changed
-
-    @override
-    def text(self, arm: Arm) -> str:
-        first = int(arm.coupling.own[0]) + 1
-        return (
-            f"the columns are shifted: joint {first} stands in that of joint {self.joints(arm)[0]}"
-        )
-
-
-@dataclass(frozen=True)
-class AxisCoupling(LogChange):
-    """The first of two axes moves with the second."""
-
-    kind: ClassVar[str] = "joint_coupling"
-
-    factor: float  # part of the second that is added to the first, in radians or metres
-
-    @override
-    def apply(self, positions: Array) -> Array:
-        axis, by = self.axes
-        changed = positions.copy()
-        changed[:, axis - 1] += self.factor * changed[:, by - 1]
-        return changed
-
-    @override
-    def text(self, arm: Arm) -> str:
-        joint, by = self.joints(arm)
-        if arm.prismatic[joint - 1] and not arm.prismatic[by - 1]:
-            return f"joint {joint} slides as joint {by} turns"
-        if joint == by + 1:
-            between = neighbouring_axes(arm)[by - 1]
-            row = between.row - 1
-            along = np.sign(np.cos(arm.alpha_rad[row]) * np.cos(arm.beta_rad[row]))
-            if between.parallel and not arm.prismatic[joint - 1] and self.factor == -along:
-                return f"joint {joint} is logged to the horizontal, not to the link of joint {by}"
-        return f"joint {joint} moves with joint {by}"
+        axes = sorted(self.axes) if self.kind == "joint_order" else self.axes
+        return ", ".join(map(words.joint, axes))
 
 
 @dataclass(frozen=True)
@@ -174,7 +113,7 @@ class ChangedLog:
 
     @property
     def _signs_and_order(self) -> tuple[LogChange, ...]:
-        return tuple(each for each in self.changes if not isinstance(each, AxisCoupling))
+        return tuple(each for each in self.changes if each.kind != "joint_coupling")
 
     @property
     def remedy(self) -> str:
@@ -240,7 +179,7 @@ class ChangedLog:
             right: whether the changes put the log right, so that they are the remedy.
         """
         arm = self.checked.arm
-        couples = any(isinstance(change, AxisCoupling) for change in self.changes)
+        couples = any(change.kind == "joint_coupling" for change in self.changes)
         text = " and ".join(change.text(arm) for change in self.changes)
         if couples:
             counted = coupling_in_words(replace(arm, coupled=self.coupled))
