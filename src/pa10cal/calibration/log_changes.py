@@ -76,7 +76,8 @@ class LogChange:
 
     def where(self, words: ColumnMap) -> str:
         """Return the names of the columns concerned."""
-        axes = sorted(self.axes) if self.kind == "joint_order" else self.axes
+        exchange = self.kind == "joint_order" and len(self.axes) == 2
+        axes = sorted(self.axes) if exchange else self.axes
         return ", ".join(map(words.joint, axes))
 
 

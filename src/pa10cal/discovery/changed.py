@@ -8,7 +8,7 @@ at every row by their log evidence.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
@@ -55,9 +55,7 @@ class Change(Nuisance):
 
     kind: Kind
     target: int  # index of the target that slipped; 0 for other kinds
-    time_s: float  # its most likely time
-    before_s: float  # time of the last reading that is surely before it
-    after_s: float  # time of the first reading that is surely after it
+    when: Jump  # its times
     scale: float  # prior standard deviation of each amount, in units of `CHANGE.size`
     rivals: tuple[str, ...]  # other explanations that fit as well, in words
     amounts: Array  # (k,) in units of `scale`
@@ -69,13 +67,13 @@ class Change(Nuisance):
 
     @override
     def columns(self, at: FittedModel, poses: Observations) -> Array:
-        after = poses.states.time_s > self.time_s
+        after = poses.states.time_s > self.when.time_s
         of_kind = change_columns(self.kind, self.target, at, poses)
         return np.asarray(self.scale * of_kind * after[:, None, None])
 
     def faults(self, at: FittedModel, poses: Observations) -> tuple[DiagnosedFault, ...]:
         """Return the change as a fault of the log."""
-        later = poses.take(np.flatnonzero(poses.states.time_s > self.time_s))
+        later = poses.take(np.flatnonzero(poses.states.time_s > self.when.time_s))
         size_mm = rms(position_error_mm(later.measured, self.shift(at, later)))
         amount_mm = 1e3 * CHANGE.size * self.scale * self.amounts
         names = poses.measured.target_names
@@ -115,7 +113,7 @@ class Change(Nuisance):
             )
         if self.rivals:
             what += f"; {' or '.join(self.rivals)} would explain it as well"
-        where = between_rows(poses, self.before_s, self.after_s)
+        where = between_rows(poses, self.when.before_s, self.when.after_s)
         return (DiagnosedFault(kind="step_in_time", where=where, what=what, remedy=remedy),)
 
 
@@ -149,16 +147,15 @@ def change_of(
     steps = {kind: rows.best(change_columns(*kind, at, poses)) for kind in kinds}
     changed = max(kinds, key=lambda kind: steps[kind].gain)
     (kind, target), best, of_base = changed, steps[changed], steps["base", 0]
-    needed = _needed(len(poses) * len(kinds))
+    needed = nats_needed(len(poses) * len(kinds))
     if kind == "base" or best.gain < max(needed, of_base.gain + CHANGE.better_nats):
         return None
-    time_s = poses.states.time_s
-    middle_s = 0.5 * (time_s[best.row - 1] + time_s[best.row])
+    columns = change_columns(kind, target, at, poses)
+    when = rows.when(columns, best)
     if not rows.leaves_little(best) or any(
-        step_thresholds(poses.states, middle_s, at.arm.prismatic)
+        step_thresholds(poses.states, when.time_s, at.arm.prismatic)
     ):
         return None
-    columns = change_columns(kind, target, at, poses)
     smooth = by_pose_and_time(at, poses, effects, logged=logged, weights=True)
     row = np.array([best.row])
     beside = StepRows(at, poses, whitener, *smooth)
@@ -168,29 +165,19 @@ def change_of(
     gradual = [CHANGE.static_sizes * (columns * course) for course in gradual_courses(poses)]
     if StepRows(at, poses, whitener, *smooth, *gradual).best(columns, row).gain < needed:
         return None
-    near = rows.as_good(columns, best.scale, best.row)
     rivals = dict.fromkeys(
         WORDS[other]
         for (other, _), step in steps.items()
         if other != kind and rows.does_as_well(other, step, best)
     )
-    found = Change(
-        kind=kind,
-        target=target,
-        time_s=middle_s,
-        before_s=float(time_s[near[0] - 1]),
-        after_s=float(time_s[near[-1]]),
-        scale=best.scale,
-        rivals=tuple(rivals),
-        amounts=rows.amounts(columns, best.scale, best.row),
-    )
-    later = poses.take(np.flatnonzero(time_s > middle_s))
+    found = rows.as_change(changed, when, best, columns, rivals)
+    later = poses.take(np.flatnonzero(poses.states.time_s > when.time_s))
     size_mm = rms(position_error_mm(later.measured, found.shift(at, later)))
     stated_mm = mean_noise_error_mm(later.measured, later.measured.stated_covariance)
     return found if size_mm > CHANGE.least_noise_ratio * stated_mm else None
 
 
-def _needed(tried: int) -> float:
+def nats_needed(tried: int) -> float:
     """Return the log evidence that the best of so many steps, each of several sizes, needs."""
     return float(np.log(tried * len(CHANGE.scales) / CHANGE.false_rate))
 
@@ -212,7 +199,8 @@ class OtherCauses(NamedTuple):
         self, wander: Wander | None, at: FittedModel, poses: Observations
     ) -> tuple[DiagnosedFault, ...]:
         """Return the steps of the base, and what explains some of them, as faults of the log."""
-        steps = steps_in_time(wander, at, poses, self.rivals, [load.time_s for load in self.loads])
+        of_loads_s = [load.when.time_s for load in self.loads]
+        steps = steps_in_time(wander, at, poses, self.rivals, of_loads_s)
         return (*steps, *(fault for load in self.loads for fault in load.faults(at, poses)))
 
 
@@ -233,7 +221,7 @@ def other_causes(
     shown = spread_over_time(poses, MOTION.most_readings)
     poses, whitener = poses.take(shown), whitener[shown]
     time_s = poses.states.time_s
-    needed = _needed(len(wander.jumps))
+    needed = nats_needed(len(wander.jumps))
     every = kinds_of_change(at, poses, logged=logged)
     kinds = [kind for kind in every[1:] if not again or kind[0] == "load"]
     loads, found = [], dict[float, tuple[str, ...]]()
@@ -246,7 +234,8 @@ def other_causes(
         steps = {kind: rows.best(change_columns(*kind, at, poses), row) for kind in kinds}
         load = steps.get(("load", 0))
         if load is not None and load.gain > of_base.gain + CHANGE.as_good_nats:
-            loads.append(_load_of(jump, load, of_base, rows, at, poses))
+            columns = change_columns("load", 0, at, poses)
+            loads.append(_load_of(jump, load, of_base, rows, columns))
             continue
         rivals = dict.fromkeys(
             WORDS[kind[0]] for kind in kinds if rows.does_as_well(kind[0], steps[kind], of_base)
@@ -288,41 +277,23 @@ def load_between_repeats(
     load, of_base = rows.best(columns), rows.best(change_columns("base", 0, at, poses))
     gradual = np.concatenate([columns * course for course in gradual_courses(poses)], axis=2)
     at_once = StepRows(at, poses, whitener, *smooth, CHANGE.static_sizes * gradual)
-    needed = _needed(2 * len(poses))
+    needed = nats_needed(2 * len(poses))
     if load.gain < max(needed, of_base.gain + CHANGE.as_good_nats):
         return NO_OTHER_CAUSES
     is_sudden = at_once.best(columns, np.array([load.row])).gain >= needed
     by_gradual = rows.best(gradual, np.array([0])).gain
     if not is_sudden and load.gain < by_gradual + CHANGE.as_good_nats:
         return NO_OTHER_CAUSES
-    time_s = poses.states.time_s
-    near = rows.as_good(columns, load.scale, load.row)
-    jump = Jump(
-        float(0.5 * (time_s[load.row - 1] + time_s[load.row])),
-        float(time_s[near[0] - 1]),
-        float(time_s[near[-1]]),
-    )
-    found = _load_of(jump, load, of_base, rows, at, poses)
+    found = _load_of(rows.when(columns, load), load, of_base, rows, columns)
     if not is_sudden and load.gain < by_gradual + CHANGE.better_nats:
         found = replace(found, rivals=(*found.rivals, "a change that came on slowly"))
     return OtherCauses((found,), {})
 
 
-def _load_of(
-    jump: Jump, step: Step, of_base: Step, rows: StepRows, at: FittedModel, poses: Observations
-) -> Change:
+def _load_of(jump: Jump, step: Step, of_base: Step, rows: StepRows, columns: Array) -> Change:
     """Return the load that explains a jump of the base."""
-    columns = change_columns("load", 0, at, poses)
-    return Change(
-        kind="load",
-        target=0,
-        time_s=jump.time_s,
-        before_s=jump.before_s,
-        after_s=jump.after_s,
-        scale=step.scale,
-        rivals=(WORDS["base"],) if rows.does_as_well("base", of_base, step) else (),
-        amounts=rows.amounts(columns, step.scale, step.row),
-    )
+    rivals = [WORDS["base"]] if rows.does_as_well("base", of_base, step) else []
+    return rows.as_change(("load", 0), jump, step, columns, rivals)
 
 
 def kinds_of_change(
@@ -392,11 +363,12 @@ class StepRows:
         self._whitener, self._nuisances = whitener, whitener @ np.concatenate(nuisances, axis=2)
         self._data = (whitener @ -at.compared(poses).residual[:, :, None])[:, :, 0]
         self._unchanged = Gaussian.of(self._nuisances, self._data)
+        self._time_s = poses.states.time_s
         self._seen = int(poses.measured.components_seen.sum())
         stated = whitener @ poses.measured.stated_covariance @ whitener.swapaxes(1, 2)
         self._stated = float(np.trace(stated, axis1=1, axis2=2).sum())  # squares, if right
         # A step is between rows of different times, with enough rows on either side.
-        rows = np.flatnonzero(np.diff(poses.states.time_s, prepend=-np.inf) > 0.0)
+        rows = np.flatnonzero(np.diff(self._time_s, prepend=-np.inf) > 0.0)
         least = CHANGE.least_side
         self._possible = rows[(rows >= least) & (rows <= len(poses) - least)]
 
@@ -435,18 +407,26 @@ class StepRows:
         misfit = 0.5 * self._seen * float(np.log(ratio))
         return kind != "model" and misfit < CHANGE.as_good_nats
 
-    def as_good(self, columns: Array, scale: float, row: int) -> Index:
-        """Return the rows at which a step is nearly as good as at the best one, in order."""
-        gains = self._gains(columns, self._possible, (scale,))[0][:, 0]
+    def when(self, columns: Array, step: Step) -> Jump:
+        """Return the times of a step, by the rows at which it is nearly as good as at the best."""
+        gains = self._gains(columns, self._possible, (step.scale,))[0][:, 0]
         good = self._possible[gains > np.max(gains, initial=-np.inf) - CHANGE.row_nats]
-        return good if len(good) else np.array([row])
+        first, last = (good[0], good[-1]) if len(good) else (step.row, step.row)
+        before_s, after_s = self._time_s[[step.row - 1, step.row]]
+        middle_s = float(0.5 * (before_s + after_s))
+        return Jump(middle_s, float(self._time_s[first - 1]), float(self._time_s[last]))
 
-    def amounts(self, columns: Array, scale: float, row: int) -> Array:
-        """Return the most likely amounts of a step at a row, in units of the scale."""
-        return self.amounts_known(columns, scale, row)[0]
+    def as_change(
+        self, of: tuple[Kind, int], when: Jump, step: Step, columns: Array, rivals: Iterable[str]
+    ) -> Change:
+        """Return a step of a kind and target as a change."""
+        amounts, _ = self.amounts_known(columns, step.scale, step.row)
+        return Change(*of, when, step.scale, tuple(rivals), amounts)
 
     def amounts_known(self, columns: Array, scale: float, row: int) -> tuple[Array, Array]:
-        """Return these amounts (k,) and their covariance (k, k).
+        """Return the most likely amounts of a step at a row, and their covariance (k, k).
+
+        Amounts (k,) are in units of the scale.
 
         What remains beyond noise counts as noise.
         """

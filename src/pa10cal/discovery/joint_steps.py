@@ -22,6 +22,7 @@ from pa10cal.discovery.changed import (
     change_columns,
     gradual_courses,
     kinds_of_change,
+    nats_needed,
 )
 from pa10cal.discovery.in_time import by_pose_and_time
 from pa10cal.discovery.log_faults import DiagnosedFault
@@ -221,7 +222,7 @@ class _Steps:
         others = CHANGE.static_sizes * self.columns[:, :, ~own]
         rows = StepRows(self.at, self.poses, self.whitener, *self.smooth, *gradual, others)
         gain = rows.best(self.columns[:, :, own], _FROM_FIRST).gain
-        return gain >= _needed(self.at, self.poses)
+        return gain >= nats_needed(len(self.poses) * self.at.arm.n)
 
 
 def _repeated_across(poses: Observations, time_s: float) -> bool:
@@ -238,12 +239,6 @@ def _settling(poses: Observations) -> list[Array]:
     time_s = poses.states.time_s
     part = ((time_s - time_s[0]) / (time_s[-1] - time_s[0]))[:, None, None]
     return [np.exp(-part / of_span) for of_span in CHANGE.settling]
-
-
-def _needed(at: FittedModel, poses: Observations) -> float:
-    """Return the gain in log evidence that a step needs [nat]."""
-    tried = len(poses) * at.arm.n * len(CHANGE.scales)
-    return float(np.log(tried / CHANGE.false_rate))
 
 
 def _columns(steps: Sequence[tuple[int, float]], at: FittedModel, poses: Observations) -> Array:
@@ -269,7 +264,7 @@ def _chosen(at: FittedModel, poses: Observations, whitener: Array) -> list[tuple
 
     while len(found) < MOTION.most_jumps:
         joint, step = best(found, joints)
-        if step.gain < _needed(at, poses):
+        if step.gain < nats_needed(len(poses) * at.arm.n):
             break
         found.append((joint, float(middles_s[step.row])))
         for k, (known, _) in enumerate(found[:-1]):  # those found before may be at other rows
@@ -303,16 +298,14 @@ def _described(
     columns = CHANGE.size * jacobians.by_joints(at, poses, (joint,))
     row = np.searchsorted(poses.states.time_s, [time_s])
     step = rows.best(columns, row)
-    near = rows.as_good(columns, step.scale, int(row[0]))
+    when = rows.when(columns, step)
     rivals: dict[str, None] = {}
     for kind, target in kinds_of_change(at, poses, logged=logged):
         of_kind = change_columns(kind, target, at, poses)
         as_well = rows.does_as_well(kind, rows.best(of_kind, row), step)
         if as_well or (kind != "model" and _imitates(of_kind, columns)):
             rivals[WORDS[kind]] = None
-    times_s = poses.states.time_s
-    before_s, after_s = float(times_s[near[0] - 1]), float(times_s[near[-1]])
-    return JointStep(joint, time_s, before_s, after_s, tuple(rivals))
+    return JointStep(joint, time_s, when.before_s, when.after_s, tuple(rivals))
 
 
 def _imitates(others: Array, column: Array) -> bool:

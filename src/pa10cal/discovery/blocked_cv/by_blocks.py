@@ -35,7 +35,6 @@ from pa10cal.discovery.blocked_cv.refit import PartialFits, Refit, refit, square
 from pa10cal.discovery.blocked_cv.survey import Survey
 from pa10cal.discovery.finding import Finding
 from pa10cal.discovery.gap import PairedErrors, errors_of, gap
-from pa10cal.discovery.jacobians import WhitenedPoses
 from pa10cal.discovery.joint_steps import JointSteps
 from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit
 from pa10cal.discovery.next_poses import poses_at_unseen_angles, separating_poses, unresolved_pairs
@@ -449,8 +448,7 @@ def _with_stroke_waves(
     if [each.of for each in unexplained] != [None]:
         return unexplained
     survey, fitted = found.survey, found.extended
-    residual = survey.net_residual(fitted.at)
-    rows = WhitenedPoses(fitted.at, survey.poses, residual, fitted.weights.whiteners())
+    rows = survey.whitened(fitted.at, fitted.weights.whiteners())
     waves = stroke_waves(rows, survey.context, survey.setup.options.error_rate)
     (left,) = unexplained
     return [

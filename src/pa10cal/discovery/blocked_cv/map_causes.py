@@ -45,9 +45,7 @@ def causes_of(survey: Survey, found: Refit) -> dict[int, JointWitness]:
     joints = [each.joint for each in maps if each.joint in driven]
     if not joints:
         return {}
-    residual, whiteners = survey.net_residual(found.at), found.weights.whiteners()
-    rows = WhitenedPoses(found.at, survey.poses, residual, whiteners)
-    series = joint_series(rows, joints)
+    series = joint_series(survey.whitened(found.at, found.weights.whiteners()), joints)
     ripples = witnesses(series, found.at.arm.gear_ratio)
     return {
         joint: JointWitness(ripple=ripples[joint - 1], agreement=agreement(series[joint - 1]))

@@ -46,7 +46,6 @@ from pa10cal.discovery.blocked_cv.survey import Survey, interleaved_blocks
 from pa10cal.discovery.changed import NO_OTHER_CAUSES, Change, OtherCauses, change_of, other_causes
 from pa10cal.discovery.finding import Untestable
 from pa10cal.discovery.in_time import in_time_of
-from pa10cal.discovery.jacobians import WhitenedPoses
 from pa10cal.discovery.joint_steps import JointSteps, joint_steps_of
 from pa10cal.discovery.nuisances import NO_MOTION, TimeFindings
 from pa10cal.discovery.pose_scatter import AS_FOUND, PoseWeights, weights_with_joints
@@ -349,8 +348,7 @@ def _with_warm_ups(found: SearchOutcome) -> SearchOutcome:
     # Of readings that are right nothing is taken away.
     right = keep_their_distances(survey.poses.measured)
     weights = replace(weights, weight=np.where(right, 1.0, weights.weight))
-    residual = survey.net_residual(fitted.at)
-    rows = WhitenedPoses(fitted.at, survey.poses, residual, weights.whiteners())
+    rows = survey.whitened(fitted.at, weights.whiteners())
     shown = warm_ups_shown(rows, survey.context, logged=survey.torques_logged)
     if not shown:
         return found
@@ -373,8 +371,7 @@ def _lines_and_wobbles(
         for kind in (GearLine.id, AxisWobble.id)
     }
     setup, rate = survey.setup, survey.setup.options.error_rate
-    residual, whitener = survey.net_residual(fitted.at), fitted.weights.whiteners()
-    rows = WhitenedPoses(fitted.at, survey.poses, residual, whitener)
+    rows = survey.whitened(fitted.at, fitted.weights.whiteners())
     lines = gear_lines(rows, rate, places[GearLine.id])
     axes = wobbles(rows, survey.context, setup.payload, rate, places[AxisWobble.id])
     if not (lines or axes):

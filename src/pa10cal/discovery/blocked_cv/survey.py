@@ -11,6 +11,7 @@ import numpy as np
 
 from pa10cal.arrays import Array, Index
 from pa10cal.discovery.changed import Change
+from pa10cal.discovery.jacobians import WhitenedPoses
 from pa10cal.discovery.joint_steps import JointSteps
 from pa10cal.discovery.near_poses import noise_of_near_poses
 from pa10cal.discovery.noise import Noise, with_torque_noise
@@ -140,6 +141,10 @@ class Survey:
         if poses is None:
             return at.compared(self.poses).residual + self._nuisance_shift
         return at.compared(poses).residual + self._shift(poses)
+
+    def whitened(self, at: FittedModel, whitener: Array) -> WhitenedPoses:
+        """Return its poses about a model, the nuisances subtracted, whitened by (P, b, b)."""
+        return WhitenedPoses(at, self.poses, self.net_residual(at), whitener)
 
     @cached_property
     def _nuisance_shift(self) -> Array | float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 
@@ -358,6 +358,15 @@ class FalseTorque(JointTorqueOnly, effect.JointEffect):
     acts_on_joint = False
     error_of = "log"
     sits = "driven joint"
+    weighed_as: ClassVar[Literal["friction_Nm", "gain"]]  # the error in `WeighedByLog`
+
+    @classmethod
+    def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
+        """Return its fields; None also where it was taken out of the log."""
+        by_log = weights_known(context.arm).by_log
+        if by_log is not None and getattr(by_log, cls.weighed_as)[joint - 1 : joint].any():
+            return None
+        return super().fields_at(context, joint)
 
 
 @dataclass(frozen=True)
@@ -366,6 +375,7 @@ class FrictionTorque(FalseTorque):
 
     rated_Nm: float  # rated torque of the joint
     id = "friction_torque"
+    weighed_as = "friction_Nm"
     varies_with = "the direction of arrival"
     clauses = (
         "the logged torque of {at} holds friction",
@@ -373,14 +383,6 @@ class FrictionTorque(FalseTorque):
     )
     words = "logged tau_{0.joint} = tau_{0.joint} + tau_c s_{0.joint}"
     limits = effect.Limits(positive=True)
-
-    @classmethod
-    def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
-        """Return its fields; None also where it was taken out of the log."""
-        by_log = weights_known(context.arm).by_log
-        if by_log is not None and by_log.friction_Nm[joint - 1 : joint].any():
-            return None
-        return super().fields_at(context, joint)
 
     @property
     def reported(self) -> tuple[TermParameter, ...]:
@@ -400,6 +402,7 @@ class TorqueGain(FalseTorque):
     """
 
     id = "torque_gain"
+    weighed_as = "gain"
     varies_with = "its logged torque"
     clauses = (
         "the logged torque of {at} is off by a factor",
@@ -407,14 +410,6 @@ class TorqueGain(FalseTorque):
     )
     words = "logged tau_{0.joint} = (1 + g) tau_{0.joint}"
     reported = (TermParameter("g", "1", 1e-3, plausible=0.05),)
-
-    @classmethod
-    def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
-        """Return its fields; None also where it was taken out of the log."""
-        by_log = weights_known(context.arm).by_log
-        if by_log is not None and by_log.gain[joint - 1 : joint].any():
-            return None
-        return super().fields_at(context, joint)
 
     def per_unit(self, states: PoseStates) -> Array:
         return effect.static_loads_in(states, self).joint_Nm[:, self.joint - 1]
