@@ -66,6 +66,30 @@ def test_where_loads_set_the_scale_a_stiffness_is_that_of_the_model(soft):
 
 
 @pytest.mark.slow
+def test_stiffness_and_sag_are_as_uncertain_as_differences_make_them(soft):
+    *_, verdict = soft
+    problem = compliance._LinearProblem.of(verdict)
+    at = problem.at
+    (spring,) = filter(is_spring, at.model.terms)
+    unknown = problem.is_weight[: len(at.x)].copy()
+    unknown[at.model.columns_of(spring).start] = True
+    by_x = np.zeros((2, len(at.x)))
+    for k in np.flatnonzero(unknown):
+        step = 1e-5 * problem.prior_std[k] * (np.arange(len(at.x)) == k)
+        more, less = (
+            replace(problem, at=replace(at, x=at.x + side * step)).stiffness(spring)
+            for side in (1.0, -1.0)
+        )
+        changes = more.Nm_rad - less.Nm_rad, more.sag_rad - less.sag_rad
+        by_x[:, k] = np.divide(changes, 2.0 * step[k])
+    found = problem.stiffness(spring)
+    of_scale = found.Nm_rad * at.model.u_scale
+    assert found.u_Nm_rad == pytest.approx(np.hypot(problem._u(by_x[0]), of_scale), rel=1e-6)
+    assert found.u_Nm_rad > of_scale
+    assert found.sag_u_rad == pytest.approx(problem._u(by_x[1]), rel=1e-6)
+
+
+@pytest.mark.slow
 def test_what_they_take_away_is_said(soft):
     trial, *_, verdict = soft
     record = verdict_keys(verdict)

@@ -46,7 +46,7 @@ def with_compliance(found: Verdict[S]) -> Verdict[S]:
 
     Springs are those of the extended model. Where the weights are stated, springs are part of the
     calibrated model and not reported. A spring that the poses show and that is not named is an
-    unexplained part.
+    unexplained part. Effects found get further rivals here, since a spring may stand in for them.
     """
     known = weights_known(found.baseline.arm)
     if known.origin == "stated" or found.prepared.setup.payload is None:
@@ -368,7 +368,8 @@ class _LinearProblem:
         joint, states = spring.joint - 1, self.poses.states
         column = model.columns_of(spring).start
         yielding = float(x[column])  # sag [rad] at the torque tau_ref_Nm
-        # The torques logged hold the excess of the described weights; joints do not carry it.
+        # The states' torques are of the described weights; what these are too heavy by, joints do
+        # not carry (`with_joint_torques` subtracts it, hence the sign).
         torque_by_x = -model.torque_jacobian(states, x)[:, joint]
         torque_by_x[:, ~self.is_weight[: len(x)]] = 0.0
         torque_Nm = model.with_joint_torques(states, x).tau_Nm[:, joint]
