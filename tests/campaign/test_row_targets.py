@@ -80,6 +80,7 @@ def test_a_row_of_one_target_that_cannot_be_read_is_quarantined(sightings, read)
         lambda row: f"{row['Name']}.{row['Target']}",
         lambda row: f"{row['Name']} - {row['Target']}",
         lambda row: f"{row['Name']}{row['Target']}",
+        lambda row: f"{row['Name']} ({row['Target']})",
     ],
 )
 @pytest.mark.usefixtures("tried")

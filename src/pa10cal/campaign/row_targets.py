@@ -25,8 +25,8 @@ _LEAST_ROWS = 3
 #: Poses in labels with endings at least.
 _LEAST_POSES = 3
 #: A label that ends with a target: a letter after a number, as in P1A, or a word of letters and
-#: digits behind a sign, as in P1_A, P1.2 or P1 - SMR2.
-_LETTER, _WORD = r"(?<=\d)[A-Za-z]", r"[_.:/\s-]+[A-Za-z]{0,12}\d{0,2}"
+#: digits behind a sign, as in P1_A, P1.2, P1 - SMR2 or P1 (SMR2).
+_LETTER, _WORD = r"(?<=\d)[A-Za-z]", r"[_.:/\s(-]+[A-Za-z]{0,12}\d{0,2}\)?"
 _ENDING = re.compile(rf"(?P<pose>.*\w)(?P<ending>{_LETTER}|{_WORD})")
 #: Part of the rows with such a word or ending, and of the poses with several targets, at least.
 _NEARLY_ALL, _SEVERAL = 0.95, 0.5
