@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -58,17 +59,30 @@ def states_at(
     loads_N = _of_every_pose("load_N", load_N, (count,))
     temperatures_C = _of_every_pose("temperature_C", temperature_C, (count,))
     times_s = _of_every_pose("time_s", time_s, (count,))
-    for name, values in (("temperature_C", temperatures_C), ("time_s", times_s)):
-        if np.isinf(values).any():
-            row = int(np.argmax(np.isinf(values)))
-            raise ModelError(
-                "no finite number",
-                where=f"{name} of pose {row + 1}",
-                value=float(values[row]),
-                allowed="a number; nan where it is not known",
-                remedy="correct the value",
-            )
     of_axes = _of_every_pose("arrival", arrival, (count, len(model.arm.axes_slide)))
+    _refuse_infinite("temperature_C", temperatures_C)
+    _refuse_infinite("time_s", times_s)
+    _refuse_other_arrivals(of_axes)
+    _refuse_unknown_loads(loads_N, () if fitted is None else fitted.loads_N, extrapolate)
+    of_joints = model.arm.coupling.arrivals(of_axes)
+    return PoseStates(q, np.full_like(q, np.nan), of_joints, loads_N, temperatures_C, times_s)
+
+
+def _refuse_infinite(name: str, values: Array) -> None:
+    """Refuse an infinite number; nan is one that is not known."""
+    if np.isinf(values).any():
+        row = int(np.argmax(np.isinf(values)))
+        raise ModelError(
+            "no finite number",
+            where=f"{name} of pose {row + 1}",
+            value=float(values[row]),
+            allowed="a number; nan where it is not known",
+            remedy="correct the value",
+        )
+
+
+def _refuse_other_arrivals(of_axes: Array) -> None:
+    """Refuse what is no direction in which an axis arrived."""
     wrong_side = ~np.isin(of_axes, (-1.0, 0.0, 1.0))
     if wrong_side.any():
         row, joint = np.argwhere(wrong_side)[0]
@@ -79,28 +93,29 @@ def states_at(
             allowed="-1 or 1, the sign of the joint's last motion; 0 where it is not known",
             remedy="correct the value",
         )
-    seen_N = () if fitted is None else fitted.loads_N
-    wrong_load = ~(loads_N >= 0.0) | ~np.isfinite(loads_N)
+
+
+def _refuse_unknown_loads(loads_N: Array, seen_N: Sequence[float], extrapolate: bool) -> None:
+    """Refuse loads that are no weight, or heavier than all of a fit."""
+    wrong = ~(loads_N >= 0.0) | ~np.isfinite(loads_N)
     if seen_N and not extrapolate:
-        wrong_load |= loads_N > _SAME_LOAD * max(seen_N)
-    if wrong_load.any():
-        row = int(np.argmax(wrong_load))
-        allowed = f"0 to {max(seen_N):g} N, the heaviest load of its fit" if seen_N else "0 N on"
-        remedy = (
-            "calibrate with this load too; or extrapolate (on the command line --force), which the "
-            "uncertainty does not cover"
-        )
-        if not 0.0 <= loads_N[row] < np.inf:
-            remedy = "give the weight of what hangs at the load point; no other force is computed"
-        raise ModelError(
-            "the model does not know this load",
-            where=f"load_N of pose {row + 1}",
-            value=float(loads_N[row]),
-            allowed=allowed,
-            remedy=remedy,
-        )
-    of_joints = model.arm.coupling.arrivals(of_axes)
-    return PoseStates(q, np.full_like(q, np.nan), of_joints, loads_N, temperatures_C, times_s)
+        wrong |= loads_N > _SAME_LOAD * max(seen_N)
+    if not wrong.any():
+        return
+    row = int(np.argmax(wrong))
+    remedy = (
+        "calibrate with this load too; or extrapolate (on the command line --force), which the "
+        "uncertainty does not cover"
+    )
+    if not 0.0 <= loads_N[row] < np.inf:
+        remedy = "give the weight of what hangs at the load point; no other force is computed"
+    raise ModelError(
+        "the model does not know this load",
+        where=f"load_N of pose {row + 1}",
+        value=float(loads_N[row]),
+        allowed=f"0 to {max(seen_N):g} N, the heaviest load of its fit" if seen_N else "0 N on",
+        remedy=remedy,
+    )
 
 
 def _of_every_pose(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
@@ -115,6 +130,29 @@ def _of_every_pose(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Array
             allowed=f"a number, or an array of shape {shape}",
             remedy="give as many as there are poses",
         ) from None
+
+
+def _with_payload_of(model: Fitted, campaign: str) -> Fitted:
+    """Return a model under the payload of one campaign of a group, with weights by its log.
+
+    Without a campaign, and for one without a payload of its own, it is that of the first.
+    """
+    carried = () if model.payload is None else model.payload.of_campaigns
+    payload_of = dict(zip(model.R_first_target_of, carried, strict=False))
+    payload = payload_of.get(campaign, model.payload)
+    model = replace(model, payload=payload)
+    weights = model.arm.weights_known
+    logged = weights is not None and (weights.origin == "logged" or weights.by_log is not None)
+    if payload is None or not logged or not any(map(yields, model.model.terms)):
+        return model
+    return with_weights_by_log(model, payload)
+
+
+def _tool_in_end(model: Fitted, campaign: str) -> Array:
+    """Return the frame (4, 4) of the tool in the end of the chain, as a campaign measured it."""
+    T_end_tool = np.eye(4)
+    T_end_tool[:3, :3] = model.R_ee_target @ model.R_first_target_of.get(campaign, np.eye(3))
+    return np.asarray(model.T_end_shown @ T_end_tool)
 
 
 @dataclass(frozen=True)
@@ -145,21 +183,12 @@ class Forward:
                 allowed=", ".join(model.frames),
                 remedy="correct the name",
             )
-        # A frame of one campaign of a group moves under the payload of that campaign, others under
-        # that of the first.
-        carried = () if model.payload is None else model.payload.of_campaigns
-        payload_of = dict(zip(model.R_first_target_of, carried, strict=False))
         of_frame = frame.partition(OF)[2]
-        payload = payload_of.get(of_frame, model.payload)
         number = [*model.R_first_target_of, of_frame].index(of_frame) if of_frame else 0
-        model = replace(model, payload=payload)
-        weights, yielding = model.arm.weights_known, any(map(yields, model.model.terms))
-        logged = weights is not None and (weights.origin == "logged" or weights.by_log is not None)
-        if logged and yielding and payload is not None:
-            model = with_weights_by_log(model, payload)
+        model = _with_payload_of(model, of_frame)
         # For a group `tool` is that of the first campaign that measured poses.
         tools = model.tools
-        tool_term = tools.get(frame) or next(iter(tools.values()), None)
+        tool = tools.get(frame) or next(iter(tools.values()), None)
         on_tool = frame in tools or (frame == TOOL_FRAME and bool(tools or not model.target_names))
 
         def moves(term: Term) -> bool:
@@ -167,7 +196,7 @@ class Forward:
             if not moves_robot(term) or not term.moves_in(number):
                 return False
             if on_tool:
-                return term not in tools.values() or term is tool_term
+                return term not in tools.values() or term is tool
             # Positions of targets are constant in the flange, but move as the tool yields.
             of_tool = bool(term.coordinates) and set(term.coordinates) <= set(TOOL)
             return not of_tool or not (term.constant or frame == FLANGE)
@@ -176,17 +205,14 @@ class Forward:
         columns = model.model.parameter_indices(*moving)
         T_end_frame, at_target = np.eye(4), np.zeros(0, np.intp)
         if on_tool:
-            campaign = "" if tool_term is None else tool_term.name
-            R_target = model.R_first_target_of.get(campaign, np.eye(3))
-            T_end_frame[:3, :3] = model.R_ee_target @ R_target
-            T_end_frame = model.T_end_shown @ T_end_frame
+            T_end_frame = _tool_in_end(model, "" if tool is None else tool.name)
         elif frame != FLANGE:
             name = frame.removeprefix(TARGET)
             row = model.target_names.index(name) if frame != TOOL_FRAME else 0
             at_target = 3 * row + np.arange(3)
             T_end_frame[:3, 3] = model.targets_m[at_target]
         # A term of one campaign acts in that campaign only; here it acts in every pose.
-        terms = [term.term if term is tool_term else term for term in moving]
+        terms = [term.term if term is tool else term for term in moving]
         physical = Model(model.model.chain, tuple(terms))
         return cls(model, physical, model.x[columns], columns, on_tool, T_end_frame, at_target)
 
