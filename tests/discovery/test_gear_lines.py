@@ -212,6 +212,19 @@ def test_waves_along_a_stroke_are_told_with_their_length(on_rail, length_m):
     assert (wave.of, wave.length_m) == ("joint 1", pytest.approx(length_m, rel=0.01))
 
 
+@pytest.mark.parametrize("size", [0.0, 1e-4])
+def test_a_stroke_of_millimetres_has_as_many_waves_as_one_of_metres(on_rail, size):
+    at, context, poses = on_rail
+    q, span = poses.states.q_rad.copy(), context.q_span_rad.copy()
+    q[:, 0] *= 4e-3
+    span[0] *= 4e-3
+    short = replace(poses, states=replace(poses.states, q_rad=q))
+    context = replace(context, q_span_rad=span)
+    found = waves(at, context, short, bumps(at, context, short, 1e-3, size))
+    assert [wave.of for wave in found] == ["joint 1"] * (size > 0.0)
+    assert all(wave.length_m == pytest.approx(1e-3, rel=0.01) for wave in found)
+
+
 def test_there_is_none_in_noise_nor_where_a_slide_stood_at_a_few_places(on_rail):
     at, context, poses = on_rail
     for seed in range(5):

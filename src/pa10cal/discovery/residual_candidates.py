@@ -230,9 +230,17 @@ class _Periodogram:
     squares: Array  # (P,) squares of the joint's column
     data_by_joint: Array  # (P,) products of the joint's column with the data
     lowest: float  # order from which on a line is sought [cycles a turn]
+    highest: float  # and up to which
 
     @classmethod
-    def of(cls, rivals: _Rivals, by_joint: Array, q_rad: Array, lowest: float) -> _Periodogram:
+    def of(
+        cls,
+        rivals: _Rivals,
+        by_joint: Array,
+        q_rad: Array,
+        lowest: float,
+        highest: float = LINES.orders[1],
+    ) -> _Periodogram:
         """Return that of a joint by its whitened column (P, b) and its angles (P,)."""
         return cls(
             q_rad=q_rad,
@@ -241,6 +249,7 @@ class _Periodogram:
             squares=np.sum(by_joint**2, axis=1),
             data_by_joint=np.sum(by_joint * rivals.data, axis=1),
             lowest=lowest,
+            highest=highest,
         )
 
     @property
@@ -251,7 +260,7 @@ class _Periodogram:
     @property
     def orders(self) -> Array:
         """Return the orders that are tried [cycles a turn]."""
-        return np.arange(self.lowest, LINES.orders[1], LINES.step_widths * self.width)
+        return np.arange(self.lowest, self.highest, LINES.step_widths * self.width)
 
     def line(self, needed: float, times: float = 1.0) -> float | None:
         """Return the order of the line that gains what is needed [nat]; None if none does.
@@ -379,11 +388,14 @@ def stroke_waves(
     rivals, spectra = _Rivals.of(rows), {}
     for slide in slides:
         q_m = rows.poses.states.q_rad[:, slide.joint - 1]
-        # Polynomials follow at most half as many waves as their degree.
-        lowest = np.pi * DEGREES / float(np.ptp(q_m))
+        # Polynomials follow at most half as many waves as their degree; as many waves come along
+        # the stroke as along a turn, however long it is.
+        range_m = float(np.ptp(q_m))
+        lowest, highest = np.pi * DEGREES / range_m, 2.0 * np.pi * LINES.orders[1] / range_m
         moves = rows.whitener @ jacobians.by_coordinates(rows.at, rows.poses, slide.coordinates)
         spectra[slide.of] = [
-            _Periodogram.of(rivals, move, q_m, lowest) for move in np.moveaxis(moves, 2, 0)
+            _Periodogram.of(rivals, move, q_m, lowest, highest)
+            for move in np.moveaxis(moves, 2, 0)
         ]
     tried = sum(len(each.orders) for of_slide in spectra.values() for each in of_slide)
     needed = float(np.log(max(tried, 1) / error_rate))
