@@ -254,7 +254,7 @@ PLAIN = robot([("revolute", (0, 0, 0.1), (0, 0, 0), (0, 0, 1))] * 2)
         ("0.0 0.0 0.1", "0 0 nan", r"joint j0: origin: xyz cannot be read"),
         ('axis xyz="0.0 0.0 1.0"', 'axis xyz="0 0 0"', r"joint j0: the axis has no direction"),
         ('lower="-1.5" upper="2"', 'lower="2" upper="-1.5"', r"joint j0: the limits allow"),
-        ("0.0 0.0 0.1", "0 0 100", r"joint j0: .*further than 10 m.*divide by 1000"),
+        ("0.0 0.0 0.1", "0 0 101", r"joint j0: .*further than 100 m.*divide by 1000"),
         ('type="revolute"', 'type="fixed"', r"no joint moves between base and tip"),
         (
             '<link name="l2"></link>',
@@ -353,8 +353,8 @@ def of_kind(kind, xyz=(0, 0, 0.1)):
         ([TURNS, TURNS, of_kind("planar")], "j2: .*this type.*name a tip before .*l2$", ("l0", 2)),
         ([of_kind("planar"), TURNS], "j0: .*this type.*name a base beyond .*l1$", ("l1", 2)),
         ([TURNS, of_kind("planar"), TURNS], "base beyond .*l2, or a tip before .*l1$", ("l2", 3)),
-        ([of_kind("fixed", (0, 20, 0)), TURNS], "j0: .*further than 10.*else .*l1$", ("l1", 2)),
-        ([TURNS, of_kind("revolute", (9, 9, 9))], "j1: .*further than 10.*else .*l1$", ("l0", 1)),
+        ([of_kind("fixed", (0, 200, 0)), TURNS], "j0: .*further than 10.*else .*l1$", ("l1", 2)),
+        ([TURNS, of_kind("revolute", (0, 0, 190))], "j1: .*further than 10.*else .*l1$", ("l0", 1)),
     ],
 )
 def test_the_ends_that_a_refusal_names_are_those_that_help(joints, says, ends):

@@ -19,6 +19,7 @@ from pa10cal.campaign.bounds import (
     in_words,
     only_labelled_rows,
     only_whole_numbers,
+    refuse_impossible_gravity,
     refuse_impossible_tool,
     unwrapped,
     within_bounds,
@@ -344,9 +345,15 @@ def test_a_tool_is_not_weighed_against_placeholders_for_the_masses_of_an_arm():
         refuse_impossible_tool(8.0, unit_masses, "c")
 
 
+@pytest.mark.parametrize("size", [0.0, 1e-3, 1.62, 3.71, 9.81, 24.8])
+def test_gravity_may_be_that_of_another_place_than_the_earth(size):
+    refuse_impossible_gravity((size, 0.0, 0.0), "c")
+
+
 @pytest.mark.parametrize(
     ("key", "value", "message"),
     [
+        ("gravity_m_s2", [0, 0, -98.1], r"gravity is of another size"),
         ("gravity_m_s2", [0, 0, -9810], r"gravity is in mm/s2 .*9.5 to 10.1"),
         ("gravity_m_s2", [0, 0, -1], r"gravity is in units of g"),
         (

@@ -228,5 +228,5 @@ def test_points_that_are_no_shape_of_it_are_refused():
 def test_an_arm_needs_a_link_of_an_arms_length():
     with pytest.raises(CurveError, match="links: there is no link"):
         chain_arm("none", 0, LINK_M, 1.5)
-    with pytest.raises(ArmError, match="longer than 10 m"):
-        chain_arm("long", 2, 11.0, 1.5)
+    with pytest.raises(ArmError, match="longer than 100 m"):
+        chain_arm("long", 2, 101.0, 1.5)

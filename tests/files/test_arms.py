@@ -285,7 +285,7 @@ def test_files_that_are_no_descriptions_are_refused(tmp_path, text, message):
         (
             "limits_m: [0, 0.2]",
             "limits_m: [0, 200]",
-            r"row 3: limits_m exceeds 10 m.*divide by 1000",
+            r"row 3: limits_m exceeds 30 m.*divide by 1000",
         ),
         (", limits_m: [0, 0.2]", "", r"row 3: a prismatic joint needs limits"),
         ("limits_m", "limits_deg", r"row 3: limits_deg is for a joint that turns.*limits_m"),
@@ -298,14 +298,14 @@ def test_files_that_are_no_descriptions_are_refused(tmp_path, text, message):
         ("gear_ratio: 80", "mass_kg: 2", r"row 1: mass_kg and com_m is missing"),
         ("gear_ratio: 80", "com_m: [0, 0, 0]", r"row 4: mass_kg is missing"),
         ("gear_ratio: 80", "mass_kg: -1", r"row 4: key mass_kg does not fit"),
-        ("gear_ratio: 80", "mass_kg: 12000", r"row 4: key mass_kg does not fit.*2000"),
+        ("gear_ratio: 80", "mass_kg: 12000", r"row 4: mass_kg exceeds 2000 kg.*12000"),
         ("{gear_ratio: 80}", "7", r"row 4: a row is made of keys and values.*7"),
         ("name: small", "name: small\nconvention: craig", r"key convention does not fit.*modified"),
         ("name: small", "", r"missing key name"),
         (
             "name: small",
             "name: small\nbase: {xyz_m: [0, 0, 500]}",
-            r"base: xyz_m exceeds 10 m.*1000",
+            r"base: xyz_m exceeds 30 m.*1000",
         ),
         ("name: small", "name: small\ntool: {z: 1}", r"unknown key tool\.z.*xyz_m"),
         ("name: small", "name: small\nlimits_deg: [1]", r"unknown key limits_deg.*rows"),
@@ -385,8 +385,24 @@ def test_long_lengths_that_do_not_cancel_are_refused(old, new, message):
 
 def test_an_arm_in_millimetres_is_refused():
     text = SCARA.replace("0.3", "300").replace("0.25", "250").replace("d_m: 0.1", "d_m: 100")
-    with pytest.raises(ArmError, match=r"small.yaml: row 1: a_m exceeds 10 m .got 300.*by 1000"):
+    with pytest.raises(ArmError, match=r"small.yaml: row 1: a_m exceeds 100 m .got 300.*by 1000"):
         parsed(text)
+
+
+CRANE = """
+name: small
+base: {xyz_m: [0, 0, 25]}
+rows:
+  - {prismatic: true, alpha_deg: 90, limits_m: [0, 80], mass_kg: 40000, com_m: [0, 12, 0]}
+  - {d_m: 12.0, a_m: 15.0, alpha_deg: 90, mass_kg: 15000, com_m: [-7, 0, 0]}
+  - {a_m: 14.0, mass_kg: 8000, com_m: [-7, 0, 0]}
+"""
+
+
+def test_a_crane_on_a_long_rail_is_described_in_metres_and_kilograms():
+    arm = parsed(CRANE)
+    assert arm.reach_m > 120.0
+    assert arm.mass_kg.sum() == 63000.0
 
 
 def test_an_arm_without_rows_is_refused():

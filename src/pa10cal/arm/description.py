@@ -32,8 +32,8 @@ STATED_COM_M = 0.01
 MOST_ROWS = 100
 #: Axes closer than this to parallel count as such.
 NEARLY_PARALLEL_RAD = float(np.radians(5.0))
-#: Longest link: longer ones are in millimetres.
-_LONGEST_M = 10.0
+#: Longest link: booms of cranes reach as far, and arms of which lengths are in millimetres farther.
+LONGEST_M = 100.0
 #: Least torque that counts as rated, relative to the largest that any joint carried.
 _LEAST_RATED = 0.05
 #: Fields of an arm with one entry a row.
@@ -228,9 +228,9 @@ class Arm:
         }
         lengths_of |= {"base": self.T_base_row1[:3, 3], "tool": self.T_row_n_ee[:3, 3]}
         for name, lengths_m in lengths_of.items():
-            if np.abs(lengths_m).max() > _LONGEST_M:
+            if np.abs(lengths_m).max() > LONGEST_M:
                 raise ArmError(
-                    "a link is longer than 10 m",
+                    f"a link is longer than {LONGEST_M:g} m",
                     where=f"{self.name}: {name}",
                     value=float(lengths_m[np.abs(lengths_m).argmax()]),
                     allowed="lengths in metres",

@@ -12,14 +12,12 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.chain import placed
-from pa10cal.arm.description import MOST_ROWS
+from pa10cal.arm.description import LONGEST_M, MOST_ROWS
 from pa10cal.arrays import Array, homogeneous
 from pa10cal.errors import ArmError, remedy_for
 
 #: Types of a joint that moves in a serial arm.
 MOVING = ("revolute", "continuous", "prismatic")
-#: Largest distance of a joint from the one before [m]: beyond it numbers are millimetres.
-_FAR_M = 10.0
 
 
 @dataclass(frozen=True)
@@ -114,9 +112,9 @@ def _refuse_unusable(joint: UrdfJoint, path: Sequence[UrdfJoint], where: str) ->
             allowed="revolute, continuous, prismatic, fixed",
             remedy=_ends_without(joint, path),
         )
-    if math.hypot(*joint.xyz) > _FAR_M:
+    if math.hypot(*joint.xyz) > LONGEST_M:
         raise ArmError(
-            f"the joint is further than {_FAR_M:g} m from the one before",
+            f"the joint is further than {LONGEST_M:g} m from the one before",
             where=where,
             value=joint.xyz,
             allowed="metres",

@@ -30,8 +30,10 @@ _KELVIN = (220.0, 330.0)
 #: Largest stated uncertainties of lengths, angles, torques and quaternions; and the least of all.
 LARGEST_U = {"mm": 1e3, "deg": 90.0, "Nm": 1e5, "": 1.0}
 LEAST_U = 1e-9
-#: Gravity on Earth is 9.78 to 9.83 m/s2.
-GRAVITY_M_S2 = (9.5, 10.1)
+#: Gravity on Earth is 9.78 to 9.83 m/s2; elsewhere it is anything up to that of Jupiter, but no
+#: body with a surface has about 1 m/s2, which is that of the Earth in its own unit.
+EARTH_M_S2, LARGEST_M_S2 = (9.5, 10.1), 26.0
+UNITS_OF_G = (0.9, 1.1)
 STANDARD_M_S2 = 9.80665
 #: Largest mass of a tool for each metre of the arm's reach, where the arm's mass is not known; and
 #: the least mass of an arm likewise: below, the links have placeholders for masses [kg/m].
@@ -382,25 +384,26 @@ def refuse_impossible_tool(mass_kg: float, arm: Arm, where: str) -> None:
 
 
 def refuse_impossible_gravity(gravity_m_s2: tuple[float, float, float], where: str) -> None:
-    """Refuse gravity that is not of the size on Earth; zero means that it is not stated."""
+    """Refuse gravity in another unit; zero means that it is not stated."""
     size = float(np.linalg.norm(gravity_m_s2))
-    if size == 0.0 or GRAVITY_M_S2[0] <= size <= GRAVITY_M_S2[1]:
+    in_units_of_g = UNITS_OF_G[0] <= size <= UNITS_OF_G[1]
+    if size <= LARGEST_M_S2 and not in_units_of_g:
         return
     what, factor = "of another size", 0.0
-    if GRAVITY_M_S2[0] <= 1e-3 * size <= GRAVITY_M_S2[1]:
+    if EARTH_M_S2[0] <= 1e-3 * size <= EARTH_M_S2[1]:
         what, factor = "in mm/s2", 1e-3
-    elif 0.9 <= size <= 1.1:
+    elif in_units_of_g:
         what, factor = "in units of g", STANDARD_M_S2 / size
     meant = ", ".join(f"{factor * part:.6g}" for part in gravity_m_s2)
     upright = f"[0, 0, {-STANDARD_M_S2}]"
     other = f"state it in m/s2 in the robot's base frame, {upright} for a base that stands upright"
     remedy = f"set gravity_m_s2: [{meant}]" if factor else other
-    least, most = GRAVITY_M_S2
+    least, most = EARTH_M_S2
     raise RawDataError(
         f"gravity is {what}",
         where=f"{where}: gravity_m_s2",
         value=list(gravity_m_s2),
-        allowed=f"{least:g} to {most:g} m/s2 in size",
+        allowed=f"m/s2: {least:g} to {most:g} in size on Earth, at most {LARGEST_M_S2:g} anywhere",
         remedy=remedy,
     )
 

@@ -37,7 +37,8 @@ DESCRIPTION_FILE = "campaign.yaml"
 
 Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 #: Places on the apparatus: no tool is larger [mm].
-PlaceMm = Annotated[FiniteFloat, Field(ge=-1e4, le=1e4)]
+#: A place on a tool: those of cranes are tens of metres long.
+PlaceMm = Annotated[FiniteFloat, Field(ge=-1e5, le=1e5)]
 Place = tuple[PlaceMm, PlaceMm, PlaceMm]
 Text = Annotated[str, StringConstraints(min_length=1, max_length=20_000)]
 Name = Annotated[str, StringConstraints(min_length=1, max_length=200)]

@@ -394,8 +394,7 @@ def stroke_waves(
         lowest, highest = np.pi * DEGREES / range_m, 2.0 * np.pi * LINES.orders[1] / range_m
         moves = rows.whitener @ jacobians.by_coordinates(rows.at, rows.poses, slide.coordinates)
         spectra[slide.of] = [
-            _Periodogram.of(rivals, move, q_m, lowest, highest)
-            for move in np.moveaxis(moves, 2, 0)
+            _Periodogram.of(rivals, move, q_m, lowest, highest) for move in np.moveaxis(moves, 2, 0)
         ]
     tried = sum(len(each.orders) for of_slide in spectra.values() for each in of_slide)
     needed = float(np.log(max(tried, 1) / error_rate))

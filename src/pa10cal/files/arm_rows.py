@@ -11,6 +11,7 @@ import numpy as np
 from pydantic import Field, FiniteFloat
 
 from pa10cal.arm.chain import placed, roll_pitch_yaw
+from pa10cal.arm.description import LONGEST_M
 from pa10cal.arm.dh_rows import rows_of_table
 from pa10cal.arrays import Array
 from pa10cal.errors import ArmError
@@ -24,9 +25,11 @@ _LONG_M, _OUT_OF_PROPORTION = 2.0, 20.0
 #: Longest length that may be cancelled by others: of axes nearer to parallel than that makes them,
 #: the rows are written as those of parallel ones.
 _FARTHEST_CANCELLED_M = 1e5
-#: Longest link, and farthest centre of mass, slide or constant frame.
-_FAR_M = 10.0
-#: Heaviest link: whole arms that carry a ton weigh less than five.
+#: A centre of mass, slide or constant frame is in another unit if it exceeds this, and so many
+#: times the longest link: rails of tens of metres carry arms of one or two.
+_FAR_M, _FAR_LINKS = 10.0, 100.0
+#: Heaviest link where none is longer than a metre, as in arms that carry a ton, which weigh less
+#: than five; of longer ones it grows with the cube of the longest.
 _HEAVY_KG = 2000.0
 #: Largest relative difference of a number from quarter turns in radians, written with few digits.
 _QUARTER_TURN_DIGITS = 6e-4
@@ -47,7 +50,7 @@ class ArmRow(Section):
     gear_ratio: Positive | None = None
     torque_limit_Nm: Positive | None = None
     force_limit_N: Positive | None = None
-    mass_kg: Annotated[float, Field(ge=0.0, le=_HEAVY_KG, allow_inf_nan=False)] | None = None
+    mass_kg: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] | None = None
     com_m: Triple | None = None
 
     @property
@@ -88,6 +91,7 @@ def check_rows(rows: Sequence[ArmRow], where: str) -> None:
             remedy="multiply by 180/pi",
         )
     _check_lengths(rows, where)
+    _check_beside_lengths(rows, where)
     stated = any(row.mass_kg is not None for row in rows)
     for number, row in enumerate(rows, start=1):
         missing = [key for key in ("mass_kg", "com_m") if stated and getattr(row, key) is None]
@@ -121,20 +125,49 @@ def _check_lengths(rows: Sequence[ArmRow], where: str) -> None:
                 remedy="divide by 1000 if this one is in millimetres",
             )
     for number, row in enumerate(rows, start=1):
-        refuse_far((row.a_m,), "a_m", f"{where}: row {number}")
-        refuse_far((row.d_m,), "d_m", f"{where}: row {number}")
+        place = f"{where}: row {number}"
+        _refuse_farther((row.a_m,), "a_m", LONGEST_M, place)
+        _refuse_farther((row.d_m,), "d_m", LONGEST_M, place)
 
 
-def refuse_far(values_m: Sequence[float], key: str, where: str) -> None:
-    """Refuse lengths under a key that cannot be metres.
+def _check_beside_lengths(rows: Sequence[ArmRow], where: str) -> None:
+    """Refuse strokes, centres of mass and masses that are out of proportion to the links."""
+    for number, row in enumerate(rows, start=1):
+        place = f"{where}: row {number}"
+        refuse_far(row.limits_m or (), "limits_m", rows, place)
+        refuse_far(row.com_m or (), "com_m", rows, place)
+        heaviest_kg = _HEAVY_KG * max(1.0, _longest_m(rows)) ** 3
+        if row.mass_kg is not None and row.mass_kg > heaviest_kg:
+            raise ArmError(
+                f"mass_kg exceeds {heaviest_kg:.4g} kg",
+                where=place,
+                value=row.mass_kg,
+                allowed="kilograms, as links of these lengths weigh",
+                remedy="divide by 1000 if the masses are in grams",
+            )
+
+
+def _longest_m(rows: Sequence[ArmRow]) -> float:
+    return max((max(abs(row.a_m), abs(row.d_m)) for row in rows), default=0.0)
+
+
+def refuse_far(values_m: Sequence[float], key: str, rows: Sequence[ArmRow], where: str) -> None:
+    """Refuse lengths under a key that cannot be metres, beside the links of an arm.
+
+    Where no link has a length, as of a gantry, nothing but a crane's is too long.
 
     Raises:
         ArmError: naming the key; `where` is file and row, or file and frame.
     """
-    if max(map(abs, values_m), default=0.0) > _FAR_M:
+    most_m = max(_FAR_M, min(_FAR_LINKS * (_longest_m(rows) or 1.0), LONGEST_M))
+    _refuse_farther(values_m, key, most_m, where)
+
+
+def _refuse_farther(values_m: Sequence[float], key: str, most_m: float, where: str) -> None:
+    if max(map(abs, values_m), default=0.0) > most_m:
         value = values_m[0] if len(values_m) == 1 else list(values_m)
         raise ArmError(
-            f"{key} exceeds {_FAR_M:g} m",
+            f"{key} exceeds {most_m:g} m",
             where=where,
             value=value,
             allowed="metres",
@@ -175,8 +208,6 @@ def _check_row(row: ArmRow, where: str) -> None:
             allowed="the lower limit first, then a higher one",
             remedy=f"correct {own_keys[0]}",
         )
-    refuse_far(row.limits_m or (), "limits_m", where)
-    refuse_far(row.com_m or (), "com_m", where)
     for key in ("theta_deg", "alpha_deg"):
         value = getattr(row, key)
         quarters = round(abs(value) / (math.pi / 2.0))

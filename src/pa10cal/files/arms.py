@@ -292,7 +292,7 @@ def parse_arm(raw: Any, *, where: str) -> Arm:
     base, tool = ends
     check_rows(rows, where)
     for key, frame in (("base", base), ("tool", tool)):
-        refuse_far(frame.xyz_m, "xyz_m", f"{where}: {key}")
+        refuse_far(frame.xyz_m, "xyz_m", rows, f"{where}: {key}")
     prismatic = np.array([row.prismatic for row in rows])
     arm = Arm(
         name=content.name,
