@@ -138,38 +138,18 @@ def read_campaign(
     """
     folder = Path(folder)
     description = read_description(folder)
-    if description.campaigns:
-        raise RawDataError(
-            "the folder is of a group, which has no raw files of its own",
-            where=str(folder / DESCRIPTION_FILE),
-            value=", ".join(campaign.name for campaign in description.campaigns),
-            allowed="the folder of one campaign",
-            remedy="give the folders of its campaigns to read_group, or to pa10cal join",
-        )
+    _refuse_group(description, folder)
     arm = nominal_arm(description, folder, None if arms is None else Path(arms))
     refuse_impossible_tool(description.tool.mass_kg, arm, str(folder / DESCRIPTION_FILE))
     instrument, options = description.instrument.type, options or IngestOptions()
-    if instrument.from_touches and arm.prismatic.any():
-        raise RawDataError(
-            "the arm has prismatic joints",
-            where=f"{folder / DESCRIPTION_FILE}: robot",
-            value=arm.name,
-            allowed="revolute joints, as the resolver log gives positions in degrees",
-            remedy="give the poses in files.poses, with a column in millimetres for each of them",
-        )
+    if instrument.from_touches:
+        _refuse_prismatic(arm, folder)
     read = read_touched if instrument.from_touches else read_tracked
     ingested = read(description, arm, folder, options)
-    every, warnings = ingested.observations, ingested.warnings
-    places = places_of(every, arm.prismatic, description.repeat_tolerance_deg)
-    holdout_notes: tuple[str, ...] = ()
-    if description.holdout is None:
-        warnings = (*warnings, *_held_out_warnings(every, places))
-    else:
-        where = f"{folder / DESCRIPTION_FILE}: holdout"
-        every, holdout_notes = hold_out(every, description.holdout, where, places)
-        if "holdout" not in every.kind:
-            warnings = (*warnings, _none_held_out(description.holdout, every, places))
-    warnings = (*warnings, *_label_warnings(every, places))
+    every, holdout_notes, warnings = _held_out_marked(
+        ingested.observations, description, arm.prismatic, f"{folder / DESCRIPTION_FILE}: holdout"
+    )
+    warnings = (*ingested.warnings, *warnings)
     recorded = ingested.timed and description.time_recorded
     every, time_notes = with_time_validity(every, arm.prismatic, recorded=recorded)
     kinds = set(every.kind)
@@ -197,6 +177,44 @@ def read_campaign(
         (*ingested.notes, *holdout_notes, *arm_notes, *time_notes, *missing),
         warnings,
     )
+
+
+def _refuse_group(description: CampaignDescription, folder: Path) -> None:
+    """Refuse the folder of a group, which has no raw files of its own."""
+    if description.campaigns:
+        raise RawDataError(
+            "the folder is of a group, which has no raw files of its own",
+            where=str(folder / DESCRIPTION_FILE),
+            value=", ".join(campaign.name for campaign in description.campaigns),
+            allowed="the folder of one campaign",
+            remedy="give the folders of its campaigns to read_group, or to pa10cal join",
+        )
+
+
+def _refuse_prismatic(arm: Arm, folder: Path) -> None:
+    """Refuse an arm with prismatic joints where a resolver log gives positions in degrees."""
+    if arm.prismatic.any():
+        raise RawDataError(
+            "the arm has prismatic joints",
+            where=f"{folder / DESCRIPTION_FILE}: robot",
+            value=arm.name,
+            allowed="revolute joints, as the resolver log gives positions in degrees",
+            remedy="give the poses in files.poses, with a column in millimetres for each of them",
+        )
+
+
+def _held_out_marked(
+    every: Observations, description: CampaignDescription, prismatic: Mask, where: str
+) -> tuple[Observations, tuple[str, ...], tuple[str, ...]]:
+    """Return readings with held-out poses marked as campaign.yaml states, notes and warnings."""
+    places = places_of(every, prismatic, description.repeat_tolerance_deg)
+    if (rule := description.holdout) is None:
+        notes: tuple[str, ...] = ()
+        warnings = _held_out_warnings(every, places)
+    else:
+        every, notes = hold_out(every, rule, where, places)
+        warnings = [] if "holdout" in every.kind else [_none_held_out(rule, every, places)]
+    return every, notes, (*warnings, *_label_warnings(every, places))
 
 
 def _held_out_warnings(every: Observations, places: Index) -> list[str]:
