@@ -166,6 +166,15 @@ def test_rows_are_excluded_with_the_reason_that_is_stated(raw, where, left_out):
     assert not found.wrong_rows
 
 
+@pytest.mark.parametrize("both", [("P003", "P003, repeat 2"), ("P003, repeat 2", "P003")])
+def test_a_reading_may_be_excluded_twice_and_has_the_first_reason(raw, both):
+    exclude = [{"where": where, "why": why} for where, why in zip(both, "ab", strict=True)]
+    reasons = [row.reason for row in read(raw, exclude=exclude).quarantined]
+    assert (reasons.count("excluded: a"), reasons.count("excluded: b")) == (
+        (3, 0) if both[0] == "P003" else (1, 2)
+    )
+
+
 def test_a_label_with_a_colon_is_no_line_of_a_file(raw):
     raw.poses[:] = [line.replace("P003", "S1:40") for line in raw.poses]
     found = read(raw, exclude=[{"where": "S1:40", "why": "bumped"}])

@@ -269,40 +269,24 @@ class Exclusions:
     where: str  # file and key, for a refusal
     met: set[int] = field(default_factory=set)  # numbers of the exclusions that met a row
 
-    def lines(self, raw: RawRows) -> RawRows:
-        """Quarantine rows that are excluded by their lines in this file.
-
-        A line that could not be read counts as met.
-        """
-        for number, (where, why) in enumerate(self.stated):
-            lines = _LINES.fullmatch(where)
-            if lines is not None and lines["file"] in (None, raw.file):
-                first, last = int(lines["first"]), int(lines["last"] or lines["first"])
-                unread = (row.line for row in raw.quarantined if row.file == raw.file)
-                if any(first <= line <= last for line in unread):
-                    self.met.add(number)
-                raw = self._without(raw, (raw.line >= first) & (raw.line <= last), number, why)
-        return raw
-
-    def labels(self, raw: RawRows) -> RawRows:
-        """Quarantine rows that are excluded by label, load and repeat.
+    def without(self, raw: RawRows) -> RawRows:
+        """Quarantine rows that are excluded, each for the first reason that is stated.
 
         An exclusion by a column that is made later is left for then.
         """
+        every, left = raw, np.ones(len(raw), dtype=bool)
         for number, (where, why) in enumerate(self.stated):
-            reading = _READING.fullmatch(where)
-            if number in self.met or reading is None:
+            if number in self.met:  # else `pose 5`, now gone, would be taken for the label `5`
                 continue
-            stated = {"load_N": reading["load"], "repeat": reading["repeat"]}
-            numbers = {name: float(value) for name, value in stated.items() if value is not None}
-            if not {"pose", *numbers} <= raw.columns.keys():
+            excluded = _in_lines(every, where)
+            excluded = _labelled(every, where) if excluded is None else excluded
+            if excluded is None:
                 continue
-            poses = raw.text_of("pose")
-            excluded = poses == reading["label" if reading["label"] in poses else "bare"]
-            for name, value in numbers.items():
-                same = loads_as_named if name == "load_N" else np.asarray
-                excluded &= same(raw[name]) == same(np.array([value]))
-            raw = self._without(raw, excluded, number, why)
+            self.met.add(number)
+            lost = excluded[left]
+            poses = raw.text_of("pose")[lost] if "pose" in raw.columns else None
+            raw = raw.take(~lost, f"{EXCLUDED}: {why}", poses)
+            left &= ~excluded
         return raw
 
     def refuse_missed(self, file: str) -> None:
@@ -318,8 +302,33 @@ class Exclusions:
                 remedy="correct it, or remove it from exclude",
             )
 
-    def _without(self, raw: RawRows, excluded: Mask, number: int, why: str) -> RawRows:
-        if excluded.any():
-            self.met.add(number)
-        poses = raw.text_of("pose")[excluded] if "pose" in raw.columns else None
-        return raw.take(~excluded, f"{EXCLUDED}: {why}", poses)
+
+def _in_lines(raw: RawRows, where: str) -> Mask | None:
+    """Return the rows (N,) in the lines of their file that are named; None where none is there.
+
+    A line that could not be read is there, without a row.
+    """
+    lines = _LINES.fullmatch(where)
+    if lines is None or lines["file"] not in (None, raw.file):
+        return None
+    first, last = int(lines["first"]), int(lines["last"] or lines["first"])
+    excluded = (raw.line >= first) & (raw.line <= last)
+    unread = (row.line for row in raw.quarantined if row.file == raw.file)
+    return excluded if excluded.any() or any(first <= k <= last for k in unread) else None
+
+
+def _labelled(raw: RawRows, where: str) -> Mask | None:
+    """Return the rows (N,) of the label, load and repeat that are named; None where none is."""
+    reading = _READING.fullmatch(where)
+    if reading is None or "pose" not in raw.columns:
+        return None
+    poses = raw.text_of("pose")
+    labelled = poses == reading["label" if reading["label"] in poses else "bare"]
+    for name, key in (("load_N", "load"), ("repeat", "repeat")):
+        if reading[key] is None:
+            continue
+        if name not in raw.columns:
+            return None
+        same = loads_as_named if name == "load_N" else np.asarray
+        labelled &= same(raw[name]) == same(np.array([float(reading[key])]))
+    return labelled if labelled.any() else None

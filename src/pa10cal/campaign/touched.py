@@ -233,7 +233,7 @@ def _read_touches(
     raw = file.read(["time_s", "kind", "pose", "load_N", "repeat", "ball", "touch", *_PLACE])
     of_known_configuration = only_labelled_rows(raw.choices("kind", KINDS), arm)
     logged_count = len(np.unique(of_known_configuration.configurations))
-    raw = exclusions.labels(exclusions.lines(raw))
+    raw = exclusions.without(raw)
     exclusions.refuse_missed(raw.file)
     raw = raw.choices("kind", KINDS).choices("ball", ball_names)
     raw = raw.finite(["time_s", "load_N", *_PLACE])

@@ -221,7 +221,7 @@ def _usable_rows(
     lengths = [*measured.names, *on_base]
     optional = _optional_columns(measured, base_names, arm)
     # Before rows are judged, so that one that is excluded cannot be quarantined for something else.
-    raw = exclusions.labels(exclusions.lines(raw))
+    raw = exclusions.without(raw)
     if "kind" not in raw.columns:
         raw = raw.with_columns({"kind": np.full(len(raw), "grid", dtype=object)})
     raw = raw.choices("kind", KINDS)
@@ -241,7 +241,7 @@ def _usable_rows(
         shown = list(map(file.words.text, off.values))
         raw = raw.take(~off.rows[remaining], off.reason, shown)
         remaining &= ~off.rows
-    raw = exclusions.labels(with_labels(raw, q, description.repeat_tolerance_deg))
+    raw = exclusions.without(with_labels(raw, q, description.repeat_tolerance_deg))
     exclusions.refuse_missed(raw.file)
     return only_labelled_rows(raw, arm).in_time()
 
