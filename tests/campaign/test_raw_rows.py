@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from drawn_examples import examples
 from pa10cal.campaign.joint_positions import labels, same_commands
-from pa10cal.campaign.raw_rows import Quarantined, quarantine_csv, quarantined
+from pa10cal.campaign.raw_rows import Quarantined, RawRows, quarantine_csv, quarantined
 from pa10cal.campaign.screens import refuse_too_many
 from pa10cal.errors import RawDataError
 
@@ -40,6 +40,16 @@ def test_beyond_the_limit_the_commonest_reason_and_its_first_line_are_named():
 def test_all_rows_quarantined_is_too_many_whatever_the_limit():
     with pytest.raises(RawDataError, match="3 of 3 rows"):
         refuse_too_many(rows(3), {"cmm.csv": 3}, 1.0)
+
+
+def test_a_row_is_quarantined_for_the_first_of_its_columns_that_holds_no_number():
+    numbers = {"a": np.array([1.0, np.nan, 3.0]), "b": np.array([1.0, np.nan, np.nan])}
+    texts = {"b": {3: "1,5", 4: "x"}}
+    raw = RawRows("log.csv", numbers, np.arange(2, 5), {}, (), (), texts)
+    names = ["not there", "a", "b"]
+    assert [row.value for row in raw.finite(names).quarantined] == ["a = ''", "b = 'x'"]
+    values = [row.value for row in raw.finite(names, may_be_blank=True).quarantined]
+    assert values == ["b = '1,5' (a decimal comma)", "b = 'x'"]
 
 
 def test_labels_sort_as_text_in_order_of_their_numbers():

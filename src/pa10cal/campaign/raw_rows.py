@@ -129,23 +129,18 @@ class RawRows:
 
     def finite(self, names: Sequence[str], *, may_be_blank: bool = False) -> RawRows:
         """Quarantine rows with no finite number in one of the columns; blanks may be allowed."""
-        texts = {name: self.non_numeric.get(name, {}) for name in names}
-        keep = ~np.isin(self.line, [line for of_lines in texts.values() for line in of_lines])
-        if not may_be_blank:
-            keep &= ~np.isnan(self.numbers_of([n for n in names if n in self.columns])).any(axis=1)
-
-        def first_wrong(row: int, line: int) -> str:
-            for name in names:
-                blank = not may_be_blank and np.isnan(self.columns[name][row])
-                if blank or line in texts[name]:
-                    text = texts[name].get(line, "")
-                    comma = COMMA if _DECIMAL_COMMA.fullmatch(text) else ""
-                    return f"{self.name_of(name)} = {text!r}{comma}"
-            raise AssertionError("a row without a wrong column is kept")
-
-        lost = np.flatnonzero(~keep)
-        values = [first_wrong(row, int(self.line[row])) for row in lost.tolist()]
-        return self.take(keep, "not a finite number", values)
+        wrong = np.zeros((len(self), len(names)), dtype=bool)
+        for k, name in enumerate(names):
+            wrong[:, k] = np.isin(self.line, list(self.non_numeric.get(name, {})))
+            if not may_be_blank and name in self.columns:
+                wrong[:, k] |= np.isnan(self.columns[name])
+        values = []
+        for row in np.flatnonzero(wrong.any(axis=1)).tolist():
+            name = names[int(wrong[row].argmax())]
+            text = self.non_numeric.get(name, {}).get(int(self.line[row]), "")
+            comma = COMMA if _DECIMAL_COMMA.fullmatch(text) else ""
+            values.append(f"{self.name_of(name)} = {text!r}{comma}")
+        return self.take(~wrong.any(axis=1), "not a finite number", values)
 
     def choices(self, name: str, allowed: Sequence[str]) -> RawRows:
         """Quarantine the rows whose column holds none of the allowed words."""
