@@ -12,7 +12,7 @@ from benchmarks.broken_fleet import workbook
 
 from made_up_exports import _ods
 from pa10cal.campaign import text_lines
-from pa10cal.campaign.text_lines import lines_of
+from pa10cal.campaign.text_lines import encoding_of, lines_of
 from pa10cal.errors import RawDataError
 
 HEAD = '<worksheet xmlns="http://schemas.openxmlformats.org/spreadsheetml/2006/main"><sheetData>'
@@ -27,6 +27,16 @@ def sheet(*rows):
 def written(path, *rows):
     workbook(path, sheet(*rows))
     return path
+
+
+@pytest.mark.parametrize("encoding", ["cp1252", "cp850", "mac_roman"])
+@pytest.mark.parametrize("header", ["A1 [°]", "A1 [°];Höhe [µm]", "Größe", "position mesurée [°]"])
+def test_letters_of_one_byte_tell_the_encoding(tmp_path, encoding, header):
+    path = tmp_path / "a.csv"
+    path.write_bytes(header.encode(encoding))
+    assert encoding_of(path) == encoding
+    (line,) = lines_of(path)
+    assert line.text == header
 
 
 def test_cells_stand_where_they_are_and_are_written_in_full(tmp_path):

@@ -1,8 +1,8 @@
 """Lines of a file of rows: text in any usual encoding, or the rows of a workbook or of arrays.
 
-Files that cannot be read, are damaged, or are too large are refused before any row is yielded.
-Those that are no text are read in a child process, see `binary_child`, whose death is a refusal.
-Its limits of memory and time hold whatever a file promises.
+Rows of files that are no text become lines too, with tabs between the cells: whatever reads a
+table reads text. Such files are read in a child process, see `binary_child`, whose death is a
+refusal. Its limits of memory and time hold whatever a file promises.
 """
 
 from __future__ import annotations
@@ -53,6 +53,10 @@ _PACKED = {
     b"7z\xbc\xaf": "7-Zip",
     b"PK\x03\x04": "zip",
 }
+#: Remedy for a file that is too large.
+_LEAVE_OUT = (
+    "leave out what is not needed, such as samples between the dwells, or split the campaign"
+)
 #: Signs that end a field of a table, or quote it.
 _NOT_IN_FIELDS = str.maketrans('\t"\n', " ' ")
 
@@ -106,11 +110,45 @@ def lines_of(
 
 
 def encoding_of(path: Path, within: Path | None = None) -> str:
-    """Return the encoding of a file of text, by its bytes; see `lines_of`.
+    """Return the encoding of a file of text, by all its bytes.
 
     It is that of a byte-order mark, else UTF-8 if valid, else the encoding of one byte a letter in
     which most letters beyond ASCII are usual ones.
+
+    Raises:
+        RawDataError: as `lines_of`; it is here that a file is found to be too large.
     """
+    head, beyond_ascii, is_utf8 = _read_through(path, within)
+    for mark, encoding in _MARKS:
+        if head.startswith(mark):
+            return encoding
+    packed = next((how for begins, how in _PACKED.items() if head.startswith(begins)), "")
+    kind = _kind_of_bytes(head, path.with_suffix("").suffix.lower())  # name.mat of name.mat.gz
+    if packed or kind:
+        raise RawDataError(
+            "the file is packed in a way that is not read",
+            where=str(path),
+            value=packed or "gzip, of a file that is no text",
+            allowed="files as they are, and text packed with gzip",
+            remedy="unpack it",
+        )
+    if b"\x00" in head:
+        # ASCII in UTF-16 has a zero in every second byte: behind each letter, or before it.
+        even, uneven = head[::2].count(0), head[1::2].count(0)
+        if max(even, uneven) > 0.4 * len(head) / 2 and min(even, uneven) == 0:
+            return "utf-16-le" if uneven > even else "utf-16-be"
+        raise _no_text(f"{path}:1", head)
+
+    def usual(encoding: str) -> tuple[int, int]:
+        letters = beyond_ascii.decode(encoding, errors="replace")
+        # The commonest of all decides where others are as many: `°` of a Macintosh is `í` in DOS.
+        return sum(letter in _USUAL for letter in letters), letters.count("°")
+
+    return "utf-8" if is_utf8 else max(_ONE_BYTE, key=usual)
+
+
+def _read_through(path: Path, within: Path | None) -> tuple[bytes, bytes, bool]:
+    """Return the first bytes of a file, those beyond ASCII, and whether all are valid UTF-8."""
     decoder = codecs.getincrementaldecoder("utf-8")()
     valid, size, lines, odd, head = True, 0, 1, bytearray(), b""
     with _unpacked(path, within) as content:
@@ -133,8 +171,7 @@ def encoding_of(path: Path, within: Path | None = None) -> str:
                     "the file has too many lines",
                     where=str(path),
                     allowed=f"at most {MOST_LINES}",
-                    remedy="leave out what is not needed, such as samples between the dwells, or "
-                    "split the campaign",
+                    remedy=_LEAVE_OUT,
                 )
             if valid:
                 try:
@@ -142,28 +179,7 @@ def encoding_of(path: Path, within: Path | None = None) -> str:
                 except UnicodeDecodeError:
                     valid = False
             odd += block.translate(None, _ASCII)[: BLOCK_BYTES - len(odd)]
-    for mark, encoding in _MARKS:
-        if head.startswith(mark):
-            return encoding
-    packed = next((how for begins, how in _PACKED.items() if head.startswith(begins)), "")
-    if packed or _kind_of_bytes(head, path.with_suffix("").suffix.lower()):
-        raise RawDataError(
-            "the file is packed in a way that is not read",
-            where=str(path),
-            value=packed or "gzip, of a file that is no text",
-            allowed="files as they are, and text packed with gzip",
-            remedy="unpack it",
-        )
-    if b"\x00" in head:
-        even, uneven = head[::2].count(0), head[1::2].count(0)
-        if max(even, uneven) > 0.4 * len(head) / 2 and min(even, uneven) == 0:
-            return "utf-16-le" if uneven > even else "utf-16-be"
-        raise _no_text(f"{path}:1", head)
-
-    def usual(encoding: str) -> int:
-        return sum(letter in _USUAL for letter in odd.decode(encoding, errors="replace"))
-
-    return "utf-8" if valid else max(_ONE_BYTE, key=usual)
+    return head, bytes(odd), valid
 
 
 def binary_kind(path: Path, within: Path | None = None) -> str:
@@ -219,7 +235,7 @@ def _rows_of_binary(
         if os.fstat(file.fileno()).st_size > LARGEST_BYTES:
             raise _too_large(path)
         read = hashlib.file_digest(file, "sha256").hexdigest(), kind, json.dumps(names)
-        file.seek(0)
+        file.seek(0)  # the child reads on from where the file stands
         if read in _RECENT:
             lines, said = _RECENT[read]
             notes += said
@@ -277,8 +293,7 @@ def _too_large(path: Path) -> RawDataError:
         where=str(path),
         value=f"more than {most_mb:.0f} MB",
         allowed=f"at most {most_mb:.0f} MB of text",
-        remedy="leave out what is not needed, such as samples between the dwells, or split the "
-        "campaign",
+        remedy=_LEAVE_OUT,
     )
 
 
