@@ -169,3 +169,14 @@ def test_what_is_coupled_and_said_so_is_not_accused(tmp_path, kind):
     (found,) = findings(folder)
     size = "factor: 1}" if kind == "fanuc" else "mm_per_turn: 20"
     assert size in found.remedy or "mm_per_turn: 19.9" in found.remedy
+
+
+@pytest.mark.slow
+def test_a_coupling_stated_the_wrong_way_round_is_told_with_the_right_one(tmp_path):
+    folder = tmp_path / "c"
+    coupling, description = logged(folder, "fanuc", 1)
+    wrong = coupling | {"joint": coupling["by"], "by": coupling["joint"]}
+    (folder / "campaign.yaml").write_text(yaml.safe_dump(description | {"coupling": [wrong]}))
+    (found,) = findings(folder)
+    assert "set coupling: [{joint: 3, by: 2, factor: 1}] in campaign.yaml" in found.remedy
+    assert found.would_leave_mm < 5.0

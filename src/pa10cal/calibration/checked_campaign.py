@@ -62,6 +62,13 @@ class CheckedCampaign:
         return self.arm.coupling.to_axes(self.grid.states.q_rad)
 
     @property
+    def without_coupling(self) -> CheckedCampaign:
+        """Return the campaign as of an arm whose joints are the axes that the controller counts."""
+        states = replace(self.grid.states, q_rad=self.axes)
+        arm = replace(self.arm, coupled=())
+        return replace(self, arm=arm, grid=self.grid.with_states(states))
+
+    @property
     def logs_torques(self) -> bool:
         """Return whether every pose has torques."""
         return bool(np.isfinite(self.grid.states.tau_Nm).all())

@@ -91,7 +91,8 @@ def _all_changes(log: ChangedLog) -> list[LogChange]:
 def signs_and_order(checked: CheckedCampaign) -> InputFinding | None:
     """Change signs and order of joints one after the other, as long as much less misfit is left.
 
-    Where that does not put the log right, joints that move together are tried among the changes.
+    Where that does not put the log right, joints that move together are tried among the changes;
+    then in place of the coupling that is stated, which may be of another pair of joints.
     """
     log = ChangedLog(checked)
     first_m = log.nominal_m
@@ -102,14 +103,19 @@ def signs_and_order(checked: CheckedCampaign) -> InputFinding | None:
         max(CHECKS.not_departures_m, CHECKS.misfit_left_share * first_m),
     )
     first_finding = None
-    for candidates in (lambda log: list(_sign_and_order_changes(log)), _all_changes):
-        changed, left_m = _changed_in_turn(log, candidates)
+    starts = [(log, lambda log: list(_sign_and_order_changes(log))), (log, _all_changes)]
+    if checked.arm.coupled and len(checked.arm.coupling.own) == checked.arm.n:
+        starts.append((ChangedLog(checked.without_coupling), _all_changes))
+    for start, candidates in starts:
+        changed, left_m = _changed_in_turn(start, candidates)
         # Where nothing at all fits, the misfit is infinite, and so is the limit.
         if not (np.isfinite(left_m) and left_m <= limit_m):
             continue
+        if start is not log and not changed.coupled:
+            continue  # that would be a change of the stated coupling, and was tried as one
         changed = _with_pitches_calibrated(changed)
         left_m = changed.nominal_m
-        right = checked.may_be_offered(changed.q, left_m)
+        right = changed.checked.may_be_offered(changed.q, left_m)
         finding = changed.finding(
             "the nominal arm fits to", 1e3 * first_m, 1e3 * left_m, right=right
         )
@@ -147,8 +153,9 @@ def _changed_in_turn(
     """Return the log with the best changes made one after the other, and its nominal misfit [m]."""
     misfit_m = log.nominal_m
     for _ in range(CHECKS.most_changes):
-        changed = [log.with_change(change) for change in candidates(log)]
-        best = _best_log(changed, CHECKS.change_left_share * misfit_m)
+        changed = map(log.with_change, candidates(log))
+        stated = [each for each in changed if each.can_be_stated]
+        best = _best_log(stated, CHECKS.change_left_share * misfit_m)
         if best is None:
             break
         misfit_m, log = best
@@ -176,7 +183,7 @@ def small_signs(checked: CheckedCampaign) -> InputFinding | None:
     tried = []
     for change in (*_sign_and_order_changes(log), *neighbours):
         changed = log.with_change(change)
-        if not changed.may_be_below(limit_m):
+        if not (changed.can_be_stated and changed.may_be_below(limit_m)):
             continue
         nominal_m = changed.nominal_m
         if nominal_m < limit_m:

@@ -134,8 +134,8 @@ class ChangedLog:
             columns = ", ".join(words.joint(int(k)) for k in order)
             by_hand = f"put the columns in the order {columns}"
             if reordered.sum() == 2:
-                exchange = next(change for change in changes if change.kind == "joint_order")
-                by_hand = f"exchange the columns {exchange.where(words)}"
+                both = ", ".join(words.joint(int(k)) for k in axes[reordered])
+                by_hand = f"exchange the columns {both}"
             remedies.append(words.set_names(names) if words.key(names[0]) else by_hand)
         if (signs != checked.signs).any():
             remedies.append(f"set joint_signs: [{', '.join(str(int(sign)) for sign in signs)}]")
@@ -143,20 +143,36 @@ class ChangedLog:
             remedies.append(set_offsets(offsets_deg))
         if self.coupled != checked.arm.coupled:
             remedies.append(set_coupling(self.coupled, checked.arm))
-        only_signs = changes and not reordered.any()
+        only_signs = changes and changes == self.changes and not reordered.any()
         also = ", or reverse the axis in the arm's description" if only_signs else ""
         return " and ".join(remedies) + also
 
     @property
-    def coupled(self) -> tuple[CoupledJoint, ...]:
-        """Return how joints move together in the changed log, whatever signs and order are."""
-        arm, coupling = self.checked.arm, self.checked.arm.coupling
+    def can_be_stated(self) -> bool:
+        """Return whether campaign.yaml can say the changes: each joint turns once with its axis.
+
+        Of two axes that each move the other one does not, after one change upon the other.
+        """
+        own = self.checked.arm.coupling.own
+        return bool(np.allclose(np.diagonal(self._by_axes[own]), 1.0))
+
+    @property
+    def _by_axes(self) -> Array:
+        """Return how joints follow from the axes (n, m), once signs and order of these are right.
+
+        They follow the axes c of the log by q = C M c, where M makes all changes. Without S, that
+        of signs and order alone, what remains of M is the coupling.
+        """
+        coupling = self.checked.arm.coupling
         axes = np.eye(len(coupling.own))
-        # Joints follow the axes c of the log by q = C M c, where M makes all changes. Without S,
-        # that of signs and order alone, what remains of M is the coupling.
         signs_and_order = _with_changes(axes, self._signs_and_order).T
         all_changes = _with_changes(axes, self.changes).T
-        matrix = coupling.matrix @ all_changes @ np.linalg.inv(signs_and_order)
+        return np.asarray(coupling.matrix @ all_changes @ np.linalg.inv(signs_and_order))
+
+    @property
+    def coupled(self) -> tuple[CoupledJoint, ...]:
+        """Return how joints move together in the changed log, whatever signs and order are."""
+        arm, coupling, matrix = self.checked.arm, self.checked.arm.coupling, self._by_axes
         stated = {(each.joint, each.by): each for each in arm.coupled}
         coupled = []
         for joint, axis in np.argwhere(np.abs(matrix) > UNKNOWNS.no_part).tolist():

@@ -134,13 +134,13 @@ class RawRows:
             wrong[:, k] = np.isin(self.line, list(self.non_numeric.get(name, {})))
             if not may_be_blank and name in self.columns:
                 wrong[:, k] |= np.isnan(self.columns[name])
-        values = []
-        for row in np.flatnonzero(wrong.any(axis=1)).tolist():
+        values, lost = [], np.asarray(wrong.any(axis=1))
+        for row in np.flatnonzero(lost).tolist():
             name = names[int(wrong[row].argmax())]
             text = self.non_numeric.get(name, {}).get(int(self.line[row]), "")
             comma = COMMA if _DECIMAL_COMMA.fullmatch(text) else ""
             values.append(f"{self.name_of(name)} = {text!r}{comma}")
-        return self.take(~wrong.any(axis=1), "not a finite number", values)
+        return self.take(~lost, "not a finite number", values)
 
     def choices(self, name: str, allowed: Sequence[str]) -> RawRows:
         """Quarantine the rows whose column holds none of the allowed words."""

@@ -186,13 +186,13 @@ def set_coupling(coupled: Sequence[CoupledJoint], arm: Arm) -> str:
         stated = stated_coupling(joint, arm.prismatic)
         pairs = (f"{key}: {_in_yaml(value)}" for key, value in stated.items())
         entries.append(f"{{{', '.join(pairs)}}}")
-    either = [
+    either = dict.fromkeys(
         str(each.joint)
         for each in coupled
         if not (
             each.counted_only or each.follows or arm.prismatic[[each.joint - 1, each.by - 1]].any()
         )
-    ]
+    )
     counted = (
         f", with counted_only: true where the motor of joint {' or '.join(either)} is at the joint "
         "itself, as FANUC's"
