@@ -561,6 +561,37 @@ def test_visits_are_not_counted_where_a_row_may_have_their_label(tmp_path):
     assert told == [7, 37, 67]
 
 
+def test_logs_of_which_no_visit_is_clear_are_refused_for_that(tmp_path):
+    """All labels twice in the joints' log, whose last row was cut off, and once in the other."""
+    logs, _ = three_visits(tmp_path)
+    logs.joints, logs.readings = logs.joints.iloc[:60], logs.readings.iloc[:30].copy()
+    logs.readings["at"] = 1.7e9 + 10.0 * np.arange(30)
+    of_readings = {"pose": "label", "time": {"names": "at"}}
+    read_with(tmp_path, logs, of_readings, pose="label")
+    with (tmp_path / "mine" / "controller.csv").open("a") as log:
+        log.write("12.3,4\n")
+    with pytest.raises(Pa10calError, match="30 of 30 rows .*one of them has rows that cannot be"):
+        read_campaign(tmp_path / "mine")
+
+
+def test_times_of_which_none_is_stated_are_refused_without_a_warning(tmp_path):
+    logs, _ = three_visits(tmp_path)
+    logs.joints, logs.readings = logs.joints.iloc[:30], logs.readings.iloc[:30].assign(at=np.nan)
+    with pytest.raises(Pa10calError, match="column `at`"):
+        read_with(tmp_path, logs, {"pose": "label", "time": {"names": "at"}}, pose="label")
+
+
+def test_a_blank_temperature_in_the_log_of_joints_takes_none_of_the_others(tmp_path):
+    logs = two_logs(tmp_path, 5, dense=False)
+    temperature_C = 21.5 + 0.01 * np.arange(40)
+    temperature_C[3] = np.nan
+    logs.joints["T"] = temperature_C
+    logs.readings = logs.readings.drop(columns="Zeitstempel")
+    found = read_with(tmp_path, logs, temperature={"names": "T"})
+    np.testing.assert_allclose(found.observations.states.temperature_C, temperature_C)
+    assert "temperature_C is blank in 1 of 40 rows" in found.notes
+
+
 def test_rows_without_a_label_are_not_joined_by_it():
     joints, readings = np.array(["A", "B", "", "C"]), np.array(["A", "", "B", "C"])
     np.testing.assert_array_equal(by_label(joints, readings), [0, -1, 1, 3])
