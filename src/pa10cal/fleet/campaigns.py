@@ -6,7 +6,7 @@ import os
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
-from datetime import datetime
+from datetime import datetime, timedelta
 from fnmatch import fnmatchcase
 from itertools import pairwise
 from pathlib import Path
@@ -22,6 +22,8 @@ _COLUMNS = ("campaign", "arm", "measured")
 _ISO_8601 = re.compile(
     r"\d{4}(-\d{2}(-\d{2}([T ]\d{2}:\d{2}(:\d{2}(\.\d+)?)?Z?)?)?)?", flags=re.ASCII
 )
+#: What local time differs from UTC by, at most.
+_FARTHEST_ZONE = timedelta(hours=14)
 
 
 @dataclass(frozen=True)
@@ -94,13 +96,11 @@ def _sortable_time(campaign: ListedCampaign) -> str:
     return campaign.measured.replace(" ", "T").removesuffix("Z")
 
 
-def _of_table(path: Path) -> list[tuple[str, ListedCampaign]]:
-    """Return the campaigns of a table, each with the place that messages name."""
+def _table(path: Path) -> tuple[list[str], list[tuple[str, list[str]]]]:
+    """Return the header of a table, and its other rows with the place that messages name."""
     try:
-        lines, rows = [], []
-        for line, row in read_csv(path, _MOST_BYTES):
-            lines.append(line)
-            rows.append([cell.strip() for cell in row])
+        read = read_csv(path, _MOST_BYTES)
+        lines = [(line, [cell.strip() for cell in row]) for line, row in read]
     except (OSError, ValueError) as error:
         raise SettingsError(
             "the table of campaigns cannot be read",
@@ -109,14 +109,15 @@ def _of_table(path: Path) -> list[tuple[str, ListedCampaign]]:
             allowed="UTF-8 text, columns divided by commas",
             remedy="check the path and the file",
         ) from None
-    header = rows[0] if rows else []
-    first_line = f"{path}, line {lines[0] if lines else 1}"
+    first, header = lines[0] if lines else (1, [])
+    first_line = f"{path}, line {first}"
     if "campaign" not in header or len(set(header)) < len(header):
         raise SettingsError(
             "the table of campaigns has no column campaign, or a column twice",
             where=first_line,
             value=", ".join(header),
-            allowed=f"the column {_COLUMNS[0]} and, where known, {' and '.join(_COLUMNS[1:])}",
+            allowed=f"the column {_COLUMNS[0]} and, where known, {' and '.join(_COLUMNS[1:])}, "
+            "divided by commas",
             remedy="name the columns there",
         )
     if unknown := [name for name in header if name not in _COLUMNS]:
@@ -127,9 +128,14 @@ def _of_table(path: Path) -> list[tuple[str, ListedCampaign]]:
             allowed=", ".join(_COLUMNS),
             remedy="correct the name, or remove the column",
         )
+    return header, [(f"{path}, row {number}", row) for number, row in lines[1:]]
+
+
+def _of_table(path: Path) -> list[tuple[str, ListedCampaign]]:
+    """Return the campaigns of a table, each with the place that messages name."""
+    header, rows = _table(path)
     listed = []
-    for number, row in zip(lines[1:], rows[1:], strict=True):
-        where = f"{path}, row {number}"
+    for where, row in rows:
         if len(row) != len(header):
             raise SettingsError(
                 "a row of the table of campaigns has too many cells or too few",
@@ -140,7 +146,7 @@ def _of_table(path: Path) -> list[tuple[str, ListedCampaign]]:
             )
         cells = dict(zip(header, row, strict=True))
         name, measured = cells["campaign"], cells.get("measured", "")
-        if measured and not _is_iso_8601(measured):
+        if measured and _begin(measured) is None:
             raise SettingsError(
                 "no date of a campaign",
                 where=where,
@@ -159,15 +165,18 @@ def _of_table(path: Path) -> list[tuple[str, ListedCampaign]]:
     return listed
 
 
-def _is_iso_8601(text: str) -> bool:
-    """Return whether a text is a date or time, or the beginning of one, by ISO 8601."""
-    if not _ISO_8601.fullmatch(text):
-        return False
+def _begin(measured: str) -> datetime | None:
+    """Return when a date or time by ISO 8601, or the first part of one, begins; None for none.
+
+    It is in the zone of the text, UTC where that ends with Z, else the local one.
+    """
+    if not _ISO_8601.fullmatch(measured):
+        return None
+    text = measured.removesuffix("Z")
     try:
-        datetime.fromisoformat(text if len(text) > 7 else text + "0000-01-01"[len(text) :])
+        return datetime.fromisoformat(text if len(text) > 7 else text + "0000-01-01"[len(text) :])
     except ValueError:
-        return False
-    return True
+        return None
 
 
 def _refuse_some_dates(campaigns_of_arm: list[tuple[str, ListedCampaign]]) -> None:
@@ -190,7 +199,8 @@ def _refuse_dates_without_order(campaigns_of_arm: list[tuple[str, ListedCampaign
     in_turn = sorted(dated, key=lambda placed: _sortable_time(placed[1]))
     for (_, before), (where, after) in pairwise(in_turn):
         # What begins with the text of a date follows it at once, as text is sorted.
-        if _sortable_time(after).startswith(_sortable_time(before)):
+        overlap = _sortable_time(after).startswith(_sortable_time(before))
+        if overlap or _zones_may_exchange(before.measured, after.measured):
             raise SettingsError(
                 "the dates of two campaigns of an arm do not say which came first",
                 where=where,
@@ -198,6 +208,14 @@ def _refuse_dates_without_order(campaigns_of_arm: list[tuple[str, ListedCampaign
                 allowed=f"a date before or after that of {before.campaign}, {before.measured}",
                 remedy="add the day or the time of day to both, in the same time zone",
             )
+
+
+def _zones_may_exchange(before: str, after: str) -> bool:
+    """Return whether one of two dates is in UTC, and the other in a zone where it may be first."""
+    begins = _begin(before), _begin(after)
+    if begins[0] is None or begins[1] is None or before.endswith("Z") == after.endswith("Z"):
+        return False
+    return begins[1] - begins[0] <= _FARTHEST_ZONE
 
 
 def _checked(listed: list[tuple[str, ListedCampaign]], asked: str) -> tuple[ListedCampaign, ...]:
