@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from pa10cal.discovery import probabilities
 from pa10cal.discovery.finding import Explanations, Finding, Rival, line_of
+from pa10cal.discovery.gap import PairedErrors
 from pa10cal.discovery.proof import UnknownCause
 from pa10cal.discovery.refitted_verdict import fitted_instead
 from pa10cal.discovery.rules import PROBABILITIES
@@ -145,13 +146,13 @@ def test_another_form_of_the_effect_is_no_other_name():
 
 @given(st.floats(0.01, 1.0), st.floats(0.0, 1.0), st.floats(0.0, 1.0), st.floats(0.001, 0.1))
 def test_the_more_is_left_of_an_error_the_likelier_something_else_makes_it(
-    without_mm, part, less, floor_mm
+    without_mm, part, less, noise_mm
 ):
     with_mm = part * without_mm
     left = [
         UnknownCause(without_mm, each, odds=12.0, power=0.3) for each in (less * with_mm, with_mm)
     ]
-    little, much = (each.probability(floor_mm) for each in left)
+    little, much = (each.probability(noise_mm) for each in left)
     assert PROBABILITIES.unknown <= little <= much <= 1.0
 
 
@@ -179,11 +180,33 @@ def test_what_removes_nothing_has_no_odds_even_if_nothing_is_left():
     assert UnknownCause(0.0, 0.0, odds=12.0, power=0.3).probability(0.0) == 1.0
 
 
-def test_noise_alone_leaves_nothing_for_another_cause():
-    errors_mm = np.random.default_rng(3).normal(size=(2000, 3))
-    floor_mm = float(np.linalg.norm(errors_mm, axis=1).mean())
-    rms_mm = float(np.sqrt(np.mean(np.sum(errors_mm**2, axis=1))))
-    assert UnknownCause(5.0 * rms_mm, rms_mm, **KNOWN).probability(floor_mm) < 0.05
+def doubt(components, left):
+    """Return the probability of another cause where `left` times the noise is left of poses.
+
+    Each pose has so many components of position: one of a distance, three of a target.
+    """
+    lengths_mm = np.linalg.norm(np.random.default_rng(3).normal(size=(20000, components)), axis=1)
+    rms_mm = float(np.sqrt(np.mean(lengths_mm**2)))
+    measured = SimpleNamespace(
+        components_seen=np.ones((1, components), bool),
+        position_columns=np.arange(components),
+        from_touches=False,
+    )
+    poses = SimpleNamespace(measured=measured)
+    found = SimpleNamespace(
+        train=PairedErrors(poses, None, None, float(lengths_mm.mean())),
+        prepared=SimpleNamespace(readings=poses),
+        scorer=SimpleNamespace(extended=SimpleNamespace(effects=())),
+    )
+    cause = UnknownCause(5.0 * rms_mm, left * rms_mm, **KNOWN)
+    known = replace(finding(), proof=SimpleNamespace(unknown_cause=cause))
+    return probabilities.with_unknown_cause(found, known).unknown_probability
+
+
+@pytest.mark.parametrize("components", [1, 3, 9])
+def test_noise_alone_leaves_nothing_for_another_cause(components):
+    assert doubt(components, 1.0) == pytest.approx(PROBABILITIES.unknown)
+    assert doubt(components, 1.1) == pytest.approx(doubt(2, 1.1), rel=0.05)
 
 
 @given(

@@ -41,7 +41,7 @@ def with_unknown_cause(found: Verdict, finding: F) -> F:
     joint: then another cause looks like it.
     """
     if (by_errors := finding.proof.unknown_cause) is not None:
-        unknown = by_errors.probability(found.noise_floor_mm)
+        unknown = by_errors.probability(found.train.noise_rms_mm)
     elif found.unexplained or found.over_noise:
         unknown = PROBABILITIES.unknown_beside
     else:

@@ -33,9 +33,9 @@ def most_influential_pose(
 
     Args:
         labels: (P,) poses.
-        evidence_without: (P,) evidence that remains without each pose.
-        evidence: that of all poses.
-        needed: evidence that a name needs.
+        evidence_without: (P,) evidence that remains without each pose, in any unit.
+        evidence: that of all poses, in the same unit.
+        needed: what a name needs, in that unit too.
     """
     pose = int(evidence_without.argmin())
     rests_on_it = evidence_without[pose] < min(needed, JUDGING.carried_share * evidence)
@@ -66,15 +66,13 @@ class UnknownCause:
     # this ratio and that of positions counts
     ratio_of_readings: float = 0.0
 
-    def probability(self, noise_floor_mm: float) -> float:
-        """Return that probability, by the mean position error that noise alone leaves [mm]."""
-        # Isotropic normal errors in three directions have a mean length of 2 sqrt(2 / pi) sigma.
-        noise = 3.0 * np.pi / 2.0 * (0.5 * noise_floor_mm) ** 2
-        squares_without, squares_with = self.without_mm**2, self.with_mm**2
-        of_positions = removed_over_remaining(squares_without, squares_with, noise)
-        ratio = max(of_positions, self.ratio_of_readings)
-        most = PROBABILITIES.most_left_of_noise * noise
-        over_noise = min(_beyond(squares_with, noise), most) / noise if noise > 0.0 else 1.0
+    def probability(self, noise_rms_mm: float) -> float:
+        """Return that probability, by the root mean square error that noise alone leaves [mm]."""
+        noise, squares_with = noise_rms_mm**2, self.with_mm**2
+        of_positions = removed_over_remaining(self.without_mm**2, squares_with, noise)
+        ratio, over_noise = max(of_positions, self.ratio_of_readings), 1.0
+        if noise > 0.0:
+            over_noise = min(_beyond(squares_with, noise) / noise, PROBABILITIES.most_left_of_noise)
         odds = self.odds * ratio**self.power / over_noise**self.fall
         return float(max(1.0 / (1.0 + odds), PROBABILITIES.unknown))
 
