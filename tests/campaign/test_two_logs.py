@@ -570,7 +570,7 @@ def test_logs_of_which_no_visit_is_clear_are_refused_for_that(tmp_path):
     read_with(tmp_path, logs, of_readings, pose="label")
     with (tmp_path / "mine" / "controller.csv").open("a") as log:
         log.write("12.3,4\n")
-    with pytest.raises(Pa10calError, match="30 of 30 rows .*one of them has rows that cannot be"):
+    with pytest.raises(Pa10calError, match=r"30 of 30 rows .*one of them has rows that cannot be"):
         read_campaign(tmp_path / "mine")
 
 

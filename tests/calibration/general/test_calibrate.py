@@ -170,6 +170,19 @@ def test_axes_as_parallel_as_designed_are_left_so(see):
     assert len(found.fit.x) == found.fit.identifiability.rank == 25
 
 
+def test_an_unknown_beside_tilts_is_no_surer_than_in_the_fit(see):
+    """A spring that ended at its bound while tilts were fitted has an uncertainty without them."""
+    load = replace(PAYLOAD, mass_kg=2.0, com_m=np.array([0.0, 0.0, 0.1]))
+    seen = see("ur10", "point", count=14, noise_m=1e-4, seed=2, tilted=False)
+    found = general("ur10", seen, load)
+    assert found.settled
+    alone, beside = (np.diag(each) for each in (found.fit.covariance, found.covariance_of_each))
+    assert np.all(beside >= alone)
+    np.testing.assert_array_equal(beside == 0.0, found.fit.at_bound)
+    # Nor is it so unsure as if nothing were known of usual departures, which the fit knows.
+    assert np.sqrt(beside / np.where(found.fit.at_bound, 1.0, alone)).max() < 1.5
+
+
 def test_readings_of_another_arm_are_refused(see):
     arm, observations = load_arm("ur10"), see("ur10", "point", count=80, noise_m=5e-5)
     q_rad = observations.states.q_rad.copy()

@@ -17,7 +17,7 @@ from pa10cal.arm.chain import BASE, Chain
 from pa10cal.arm.description import Arm, weights_known
 from pa10cal.arm.statics import Payload, PoseStates
 from pa10cal.arrays import Array, Mask
-from pa10cal.calibration.general.fit import GeneralSolution, fit
+from pa10cal.calibration.general.fit import GeneralSolution, fit, reach_of
 from pa10cal.calibration.general.problem import (
     GeneralProblem,
     check_enough,
@@ -111,14 +111,15 @@ def calibrate_general(
     by_masses = bool(last.springs) and posed.torques_from == "masses"
     settled = tilts_not_shown(last.problem, last.found)
     beside_tilts: Array | None = None
+    tilted = last.problem
     if settled:
-        kept = np.array([each.name not in settled for each in last.problem.parameters])
-        beside_tilts = last.found.covariance[np.ix_(kept, kept)]
         last = _without_tilts(last, settled, fitted, logged if by_masses else None, payload)
     problem, found = last.problem, last.found
     if by_masses:
         problem, found = at_rest(problem, found, logged, payload, fitted)
     found = _of_usual_size(problem, found, start, fitted)
+    if settled:
+        beside_tilts = _beside_tilts(tilted, problem, found)
     return GeneralCalibration(
         problem=problem,
         x_start=last.x_start,
@@ -197,6 +198,26 @@ def _without_tilts(
     about, scatter = last.found.x[kept], last.found.scatter
     found = fitted(problem, x_start, scatter_start=scatter, about=about)
     return SpringFit(problem, found, last.springs, x_start)
+
+
+def _beside_tilts(tilted: Problem, problem: Problem, found: GeneralSolution) -> Array:
+    """Return the covariance (k, k) of a solution if the tilts that are zero in it were unknowns.
+
+    Args:
+        tilted: the problem whose unknowns they are.
+        problem, found: the problem without them, and its solution.
+    """
+    tilts = tilted.having("tilt")
+    x = np.zeros(len(tilts))
+    x[~tilts] = found.x
+    at = replace(tilted, observations=problem.observations)
+    root = np.sqrt(found.weights)[:, None, None]
+    rows = (root * found.whitener @ at.rows(x).jacobian).reshape(-1, len(x))
+    of_tilts, covariance = rows[:, tilts], found.covariance / found.widening**2
+    moved = covariance @ rows[:, ~tilts].T @ of_tilts  # what others take up of each tilt
+    left = of_tilts.T @ (of_tilts - rows[:, ~tilts] @ moved)
+    left += np.diag(reach_of(tilted)[tilts] ** -2.0)
+    return np.asarray(found.covariance + found.widening**2 * moved @ np.linalg.solve(left, moved.T))
 
 
 def _of_usual_size(
