@@ -29,6 +29,16 @@ class FalseReading(Effect):
     varies_with = "the place that is read"
     coordinates = TOOL
 
+    @classmethod
+    def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
+        """Return that it is possible where the instrument may be of its kind, or is not known."""
+        return () if context.three_axes is None or cls._of_such(context) else None
+
+    @classmethod
+    def _of_such(cls, _context: CandidateContext) -> bool:
+        """Return whether an instrument of which the axes are known may have such an error."""
+        return True
+
     @abstractmethod
     def field(self, p_instr_m: Array) -> Array:
         """Return the derivative of e(p) by the parameters, (P, B, 3, k), at positions (P, B, 3)."""
@@ -63,8 +73,8 @@ class CmmScale(FalseReading):
     reported = tuple(TermParameter(f"s_{axis}", "1", 3e-6, plausible=1e-4) for axis in "xyz")
 
     @classmethod
-    def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
-        return None if context.three_axes is False else ()
+    def _of_such(cls, context: CandidateContext) -> bool:
+        return bool(context.three_axes)
 
     def field(self, p_instr_m: Array) -> Array:
         return p_instr_m[..., None] * np.eye(3)
@@ -83,8 +93,8 @@ class Scale(FalseReading):
     reported = (TermParameter("s", "1", 3e-6, plausible=1e-4),)
 
     @classmethod
-    def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
-        return None if context.three_axes else ()
+    def _of_such(cls, context: CandidateContext) -> bool:
+        return not context.three_axes
 
     def field(self, p_instr_m: Array) -> Array:
         return p_instr_m[..., None]
@@ -103,12 +113,10 @@ class DepthScale(FalseReading):
     reported = (TermParameter("s", "1", 3e-5, plausible=3e-3),)
 
     @classmethod
-    def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
-        """Return that it is possible where the targets are in front of the origin, along z."""
-        if context.three_axes is None:  # not known: possible
-            return ()
+    def _of_such(cls, context: CandidateContext) -> bool:
+        """Return whether the targets are in front of the origin, along z, as of a camera."""
         x, y, z = context.p_instr_middle_m
-        return () if z > np.hypot(x, y) and not context.three_axes else None
+        return bool(z > np.hypot(x, y)) and not context.three_axes
 
     def field(self, p_instr_m: Array) -> Array:
         field: Array = p_instr_m[..., 2:] * np.array([0.0, 0.0, 1.0])
@@ -129,11 +137,8 @@ class RangeConstant(FalseReading):
     reported = (TermParameter("c", "m", 1e-6, plausible=1e-4),)
 
     @classmethod
-    def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
-        """Return that it is possible where the origin of beams is outside the arm's reach."""
-        if context.three_axes is None:  # not known: possible
-            return ()
-        return () if _may_read_along_beams(context) and not context.three_axes else None
+    def _of_such(cls, context: CandidateContext) -> bool:
+        return _may_read_along_beams(context) and not context.three_axes
 
     def field(self, p_instr_m: Array) -> Array:
         length_m = np.linalg.norm(p_instr_m, axis=-1, keepdims=True)
@@ -159,8 +164,9 @@ class CmmSquareness(FalseReading):
     reported = (TermParameter("xy", "rad", 3e-6, plausible=1e-4),)
 
     @classmethod
-    def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
-        return None if context.three_axes is False and _may_read_along_beams(context) else ()
+    def _of_such(cls, context: CandidateContext) -> bool:
+        """Return whether it may move along axes: no beams start within the arm's reach."""
+        return bool(context.three_axes) or not _may_read_along_beams(context)
 
     def field(self, p_instr_m: Array) -> Array:
         field: Array = p_instr_m[..., 1:2] * np.array([1.0, 0.0, 0.0])
