@@ -2,7 +2,9 @@
 
 First all parameters are fitted that arm and instrument can identify. Then springs and tilts of
 parallel axes are dropped that the readings do not show. Torques calculated from masses depend a
-little on the fitted arm; in the end they are calculated anew until that moves nothing.
+little on the fitted arm; they are calculated anew until that moves nothing. In the end what the
+readings hardly determine is fitted with what is usual; the torques stay then (poses of few readings
+would move by 0.3 um).
 """
 
 from __future__ import annotations

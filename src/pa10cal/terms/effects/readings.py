@@ -155,7 +155,8 @@ def _may_read_along_beams(context: CandidateContext) -> bool:
 class CmmSquareness(FalseReading):
     """The instrument's x axis is not square to y: x reads x + xy y, xy in rad.
 
-    Only a machine that moves along axes has such an error, and not one that reads along beams.
+    Only a machine that moves along axes has such an error, and not one that reads along beams. That
+    its z axis is not square to x or y has no name: it is left as a map of places.
     """
 
     id = "cmm_squareness"
