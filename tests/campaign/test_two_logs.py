@@ -566,8 +566,7 @@ def test_logs_of_which_no_visit_is_clear_are_refused_for_that(tmp_path):
     logs, _ = three_visits(tmp_path)
     logs.joints, logs.readings = logs.joints.iloc[:60], logs.readings.iloc[:30].copy()
     logs.readings["at"] = 1.7e9 + 10.0 * np.arange(30)
-    of_readings = {"pose": "label", "time": {"names": "at"}}
-    read_with(tmp_path, logs, of_readings, pose="label")
+    read_with(tmp_path, logs, {"pose": "label", "time": {"names": "at"}}, pose="label")
     with (tmp_path / "mine" / "controller.csv").open("a") as log:
         log.write("12.3,4\n")
     with pytest.raises(Pa10calError, match=r"30 of 30 rows .*one of them has rows that cannot be"):
@@ -583,9 +582,7 @@ def test_times_of_which_none_is_stated_are_refused_without_a_warning(tmp_path):
 
 def test_a_blank_temperature_in_the_log_of_joints_takes_none_of_the_others(tmp_path):
     logs = two_logs(tmp_path, 5, dense=False)
-    temperature_C = 21.5 + 0.01 * np.arange(40)
-    temperature_C[3] = np.nan
-    logs.joints["T"] = temperature_C
+    logs.joints["T"] = temperature_C = np.where(np.arange(40) == 3, np.nan, 21.5)
     logs.readings = logs.readings.drop(columns="Zeitstempel")
     found = read_with(tmp_path, logs, temperature={"names": "T"})
     np.testing.assert_allclose(found.observations.states.temperature_C, temperature_C)
