@@ -115,7 +115,8 @@ class Frames:
     rows_for_target: int = 34
     # part of the model's motion that the measurement must explain for a scale to be judged (chosen)
     explained_share: float = 0.5
-    least_motion_m: float = 0.02  # least size of the model's motion for that [m] (size)
+    # least size of the model's motion for that, of how far the arm reaches in the poses (size)
+    least_motion_share: float = 0.03
     # positions whose extent across their line is a smaller part of that along it determine no scale
     # (chosen)
     least_breadth: float = 0.05
@@ -127,6 +128,15 @@ class Frames:
     # touches of a sphere within this part of its radius (rms) of one plane are coplanar: they
     # hardly determine how far beyond the plane its centre is (size)
     coplanar: float = 0.05
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """Arms on which usual sizes in metres were found."""
+
+    # extent of these arms, from servo arms and small SCARAs to a titan on its rail: of smaller or
+    # larger ones, errors and motions are taken to be smaller or larger in proportion [m] (measured)
+    extent_m: tuple[float, float] = (0.35, 7.0)
 
 
 @dataclass(frozen=True)
@@ -545,6 +555,7 @@ class Stands:
 ORDER = Order()
 READINGS = Readings()
 FRAMES = Frames()
+SIZES = Sizes()
 BASE_MOTION = BaseMotion()
 KNOCKS = Knocks()
 SCATTER = Scatter()
@@ -564,6 +575,7 @@ SECTIONS = {
     "order": ORDER,
     "readings": READINGS,
     "frames": FRAMES,
+    "sizes": SIZES,
     "base_motion": BASE_MOTION,
     "knocks": KNOCKS,
     "scatter": SCATTER,

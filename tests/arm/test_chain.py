@@ -168,6 +168,15 @@ def test_a_link_that_no_joint_follows_does_not_bend(row):
         Chain.of(load_arm("pa10_6ce"), bends=(row,))
 
 
+@pytest.mark.parametrize("robot", ["gx4_351s", "irb120", "iiwa14", "pa10_6ce", "ur10"])
+def test_arms_beyond_the_usual_sizes_are_larger_in_proportion(robot):
+    arm = load_arm(robot)
+    assert arm.size_ratio == 1.0
+    sizes = [replace(arm, a_m=k * arm.a_m, d_m=k * arm.d_m).size_ratio for k in (50.0, 100.0)]
+    assert sizes[0] > 1.0
+    assert sizes[1] == pytest.approx(2.0 * sizes[0], rel=0.02)  # flanges and strokes stay
+
+
 @examples(25)
 @given(seed=st.integers(0, 10_000), convention=conventions)
 def test_no_place_is_beyond_the_reach(random_arm, seed, convention):

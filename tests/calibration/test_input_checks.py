@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import shutil
 from dataclasses import replace
+from importlib.resources import files
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
+import yaml
 from scipy.spatial.transform import Rotation
 
 from made_up_sightings import sighted
@@ -20,6 +22,7 @@ from pa10cal.calibration.checked_campaign import CheckedCampaign
 from pa10cal.calibration.input_checks import direction_of_gravity, explained
 from pa10cal.calibration.joint_slips import signs_and_order
 from pa10cal.calibration.options import CalibrationOptions
+from pa10cal.campaign.conventions import EXPECTED_M
 from pa10cal.campaign.read import read_campaign
 from pa10cal.errors import CalibrationError
 from pa10cal.files.arms import load_arm
@@ -74,6 +77,42 @@ def test_one_factor_of_all_readings_is_told_with_its_number(tmp_path, kind, time
     (scale,) = found
     said = float(scale.remedy.split("divide the positions by ")[1].split(":")[0])
     assert said == pytest.approx(times, rel=3e-3)
+
+
+def of_another_size(folder, size, times=1.0):
+    """Make a campaign of a UR10 one of an arm of another size, read so many times too long."""
+    arm = yaml.safe_load(files("pa10cal.files").joinpath("arms/ur10.yaml").read_text("utf-8"))
+    arm["name"] = "resized"
+    for row in arm["rows"]:
+        row |= {key: size * row[key] for key in ("d_m", "a_m") if key in row}
+        for key in ("mass_kg", "com_m", "torque_limit_Nm"):
+            row.pop(key, None)
+    (folder / "resized.yaml").write_text(yaml.safe_dump(arm))
+    describe(folder, "robot", "resized")
+    describe(folder, "instrument.uncertainty_mm", lambda stated_mm: size * stated_mm)
+    describe(
+        folder,
+        "tool.balls_mm",
+        lambda balls_mm: {name: [size * part for part in at] for name, at in balls_mm.items()},
+    )
+    header = (folder / "poses.csv").read_text(encoding="utf-8").splitlines()[0].split(",")
+    places = [name for name in header if name.endswith(("x_mm", "y_mm", "z_mm"))]
+    mend(
+        folder,
+        "poses.csv",
+        lambda table: table.put(places, times * size * np.array(table.numbers(places))),
+    )
+
+
+@pytest.mark.parametrize("size", [0.02, 12.0])
+def test_a_factor_of_all_readings_is_told_of_arms_of_any_size(tmp_path, size):
+    folder = simulated(tmp_path / "c", "ur10", "points", poses=40)
+    shutil.copytree(folder, right := tmp_path / "right")
+    of_another_size(right, size)
+    assert findings(right) == ()
+    of_another_size(folder, size, 1.08)
+    (scale,) = findings(folder)
+    assert "divide the positions by 1.0" in scale.remedy
 
 
 @pytest.mark.slow
@@ -253,6 +292,7 @@ def test_gravity_is_right_where_errors_of_joints_explain_as_much(with_errors_mm,
         payload=Payload(0.0, np.zeros(3), np.zeros(3), np.array([0.0, 0.0, -9.81])),
         calibrated_mm=lambda at: (0.011 if np.allclose(at.gravity_m_s2, up) else 0.035, 0.005),
         with_errors_of_joints_mm=lambda at: with_errors_mm,
+        expected_m=EXPECTED_M,
     )
     assert (direction_of_gravity(checked) is not None) == told
 
@@ -344,5 +384,5 @@ def test_no_change_of_signs_or_order_is_told_where_nothing_fits():
     arm = load_arm("ur10")
     axes = np.zeros((3, arm.n))
     misfit = {"nominal_misfit_m": lambda q: np.inf, "least_misfit_m": lambda q: 0.0}
-    checked = SimpleNamespace(arm=arm, axes=axes, **misfit)
+    checked = SimpleNamespace(arm=arm, axes=axes, not_departures_m=0.01, **misfit)
     assert signs_and_order(checked) is None

@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from made_up_sightings import is_read, sighted
 from pa10cal.arm.chain import Chain
 from pa10cal.campaign.matrices import matrix_columns, rotation_columns
+from pa10cal.campaign.nominal_fit import off_computed_m
 from pa10cal.campaign.own_columns import FileColumns
 from pa10cal.campaign.read import read_campaign
 from pa10cal.campaign.recognise import roles_of
@@ -143,6 +144,17 @@ def test_the_unread_orientation_of_another_body_is_no_time():
     names = [f"{body}_{part}" for body in ("T_cam_tag", "T_base_tool") for part in parts]
     assert "time" not in roles_of([*JOINTS, *names], 6).single
     assert roles_of([*JOINTS, *names, "t"], 6).single["time"] == "t"
+
+
+@pytest.mark.parametrize("size", [1.0, 0.02])
+def test_an_arm_that_is_built_well_for_its_size_is_no_computation(size):
+    rng = np.random.default_rng(3)
+    T = Chain.of(load_arm("ur10")).forward(rng.uniform(-1.5, 1.5, (40, 6)))
+    T[:, :3, 3] *= size
+    p_m = (T @ [0.02 * size, 0.03 * size, 0.05 * size, 1.0])[:, :3]
+    for off, computed in ((1e-5, True), (1e-3, False)):
+        found = off_computed_m(T, p_m + size * off * rng.normal(size=p_m.shape))
+        assert (found is not None) == computed
 
 
 def test_a_file_of_the_controllers_poses_alone_says_so(tmp_path, proposed):

@@ -150,21 +150,24 @@ def test_a_size_that_may_be_plausible_is_a_name(wave):
 
 
 @pytest.mark.parametrize(
-    ("rate_z_m_h", "short", "refused"),
+    ("rate_z_m_h", "short", "size", "refused"),
     [
-        (-5e-4, False, False),
-        (-4e-3, False, True),
-        (-4e-3, True, False),
-    ],  # a tripod, no mount, a short time
+        (-5e-4, False, 1.0, False),
+        (-4e-3, False, 1.0, True),
+        (-4e-3, True, 1.0, False),
+        (-4e-3, False, 5.0, False),
+    ],  # a tripod, no mount, a short time, a crane
 )
-def test_a_mount_limits_the_rate_of_a_drift_and_not_its_plausible_size(rate_z_m_h, short, refused):
+def test_a_mount_limits_the_rate_of_a_drift_and_not_its_plausible_size(
+    rate_z_m_h, short, size, refused
+):
     drift = BaseDrift.over(np.array([0.0, 360.0 if short else 36000.0]), 10.0)
     x, covariance = np.array([1e-5, 2e-4, rate_z_m_h]), 1e-6**2 * np.eye(3)
     finding = SimpleNamespace(effect=drift, alternatives=())
     model = SimpleNamespace(
         values_of=lambda _: x,
         covariance=covariance,
-        arm=load_arm("pa10_6ce"),
+        arm=replace(arm := load_arm("pa10_6ce"), a_m=size * arm.a_m, d_m=size * arm.d_m),
         model=SimpleNamespace(columns_of=lambda _: slice(0, 3), u_scale=0.0),
     )
     reasons = [*unfit(finding, model)]

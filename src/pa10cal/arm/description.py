@@ -22,10 +22,12 @@ from numpy.typing import NDArray
 from pa10cal.arm.coupling import CoupledJoint, Coupling
 from pa10cal.arrays import Array
 from pa10cal.errors import ArmError
+from pa10cal.rules import SIZES
 
 WeightsFrom = Literal["stated", "total", "assumed", "logged"]
 
-#: Standard uncertainty of a stated mass, relative, and of its centre, per axis [m].
+#: Standard uncertainty of a stated mass, relative, and of its centre, per axis, in an arm of usual
+#: size [m].
 STATED_MASS = 0.06
 STATED_COM_M = 0.01
 #: Largest number of joints: the longest snake robots have a third.
@@ -100,7 +102,8 @@ def weights_known(arm: Arm) -> WeightsKnown:
     """Return how well an arm's weights are known; where it does not say, as makers state them."""
     if arm.weights_known is not None:
         return arm.weights_known
-    return WeightsKnown("stated", np.full(arm.n, STATED_MASS), np.full(arm.n, STATED_COM_M))
+    com_m = np.full(arm.n, STATED_COM_M * arm.size_ratio)
+    return WeightsKnown("stated", np.full(arm.n, STATED_MASS), com_m)
 
 
 @dataclass(frozen=True)
@@ -190,6 +193,18 @@ class Arm:
         slide_m = np.abs(self.joint_ranges_rad).max(axis=1)[self.prismatic].sum()
         ends = self.T_base_row1[:3, 3], self.T_row_n_ee[:3, 3]
         return float(np.hypot(self.a_m, self.d_m).sum() + slide_m + sum(map(np.linalg.norm, ends)))
+
+    @property
+    def size_ratio(self) -> float:
+        """Return the extent of the arm over that of arms on which usual sizes [m] were found.
+
+        One within the range of these. The extent is the reach without strokes, or the longest
+        stroke.
+        """
+        slides_m = np.abs(self.joint_ranges_rad).max(axis=1)[self.prismatic]
+        longest_m = float(np.ptp(self.joint_ranges_rad, axis=1)[self.prismatic].max(initial=0.0))
+        extent_m = max(self.reach_m - float(slides_m.sum()), longest_m)
+        return extent_m / float(np.clip(extent_m, *SIZES.extent_m)) or 1.0
 
     def rated_Nm(self, carried_Nm: Array) -> Array:
         """Return the rated torques (n,); where not known, the largest that the joint carried.

@@ -57,6 +57,16 @@ class CheckedCampaign:
         return self.campaign.payload(self.arm)
 
     @property
+    def expected_m(self) -> float:
+        """Return the misfit that is expected of the nominal arm, base and targets fitted."""
+        return EXPECTED_M * self.arm.size_ratio
+
+    @property
+    def not_departures_m(self) -> float:
+        """Return the misfit of the nominal arm that no departures of its links explain."""
+        return CHECKS.not_departures_m * self.arm.size_ratio
+
+    @property
     def axes(self) -> Array:
         """Return the positions of the axes that the controller counts, (P, m) [rad, m]."""
         return self.arm.coupling.to_axes(self.grid.states.q_rad)
@@ -162,11 +172,11 @@ class CheckedCampaign:
             q: (P, n) the joints, changed.
             nominal_m: misfit of the nominal arm with them.
         """
-        if not puts_right(nominal_m, EXPECTED_M):
+        if not puts_right(nominal_m, self.expected_m):
             return False
         left_mm, noise_mm = self.calibrated_mm(self.payload, q)
         # With too few poses the nominal arm alone decides.
-        return left_mm == np.inf or puts_right(left_mm, 1e3 * EXPECTED_M, noise_mm)
+        return left_mm == np.inf or puts_right(left_mm, 1e3 * self.expected_m, noise_mm)
 
 
 def _rms_mm(found: GeneralCalibration) -> float:

@@ -29,7 +29,6 @@ from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.calibration.rules import CHECKS
 from pa10cal.campaign.column_map import ColumnMap
 from pa10cal.campaign.conventions import (
-    EXPECTED_M,
     STILL_WRONG,
     attitudes_off_rad,
     better_convention,
@@ -203,7 +202,7 @@ def _scale(checked: CheckedCampaign) -> InputFinding | None:
     # Calibrated lengths take up any scale, so the nominal arm decides.
     if abs(times - 1.0) < CHECKS.another_scale or not left_m < CHECKS.nominal_left_share * now_m:
         return None
-    if left_m > max(CHECKS.not_departures_m, CHECKS.misfit_left_share * now_m):
+    if left_m > max(checked.not_departures_m, CHECKS.misfit_left_share * now_m):
         return None
     right = scaled(factor).may_be_offered(q, left_m)
     then = "" if right else f", {STILL_WRONG}"
@@ -246,7 +245,7 @@ def direction_of_gravity(checked: CheckedCampaign) -> InputFinding | None:
         others[best],
         f"{now_mm:.3g} mm as stated, {left_mm:.3g} mm then",
         left_mm,
-        right=puts_right(left_mm, 1e3 * EXPECTED_M, noise_mm),
+        right=puts_right(left_mm, 1e3 * checked.expected_m, noise_mm),
     )
 
 
@@ -313,7 +312,7 @@ def _target_places(
         return
     stated_mm = np.array([campaign.tool.balls_mm[name] for name in names])
     off = stated_shape(1e3 * places_m, stated_mm)
-    of_touches_mm = options.apparatus_uncertainty_mm if measured.from_touches else 1.0
+    of_touches_mm = options.apparatus_uncertainty_mm if measured.from_touches else arm.size_ratio
     allowed_mm = CHECKS.shape_ratio * of_touches_mm
     if off is None or off.largest_mm < max(allowed_mm, CHECKS.shape_errors * off.u_mm):
         # Distances do not show an exchange in a pair of targets, or in a regular ring.

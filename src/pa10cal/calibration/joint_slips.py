@@ -96,11 +96,11 @@ def signs_and_order(checked: CheckedCampaign) -> InputFinding | None:
     """
     log = ChangedLog(checked)
     first_m = log.nominal_m
-    if first_m < CHECKS.not_departures_m:
+    if first_m < checked.not_departures_m:
         return None
     limit_m = min(
         CHECKS.nominal_left_share * first_m,
-        max(CHECKS.not_departures_m, CHECKS.misfit_left_share * first_m),
+        max(checked.not_departures_m, CHECKS.misfit_left_share * first_m),
     )
     first_finding = None
     starts = [(log, lambda log: list(_sign_and_order_changes(log))), (log, _all_changes)]
@@ -240,7 +240,7 @@ def joint_zeros(checked: CheckedCampaign) -> InputFinding | None:
     """Find a zero that is off by more than any mastering, by a calibration; None if none is."""
     arm, q = checked.arm, checked.grid.states.q_rad
     first_m = checked.nominal_misfit_m(q)
-    if first_m < CHECKS.not_departures_m:
+    if first_m < checked.not_departures_m:
         return None
     found = checked.calibration(checked.payload)
     if found is None:
@@ -285,7 +285,7 @@ def joints_without_motion(checked: CheckedCampaign) -> InputFinding | None:
         return None
     left_m = checked.nominal_misfit_m(checked.grid.states.q_rad)
     spread_m = 1e-3 * checked.grid.measured.spread_mm
-    if left_m < max(CHECKS.not_departures_m, CHECKS.no_arm_share * spread_m):
+    if left_m < max(checked.not_departures_m, CHECKS.no_arm_share * spread_m):
         return None
     where = ", ".join(checked.words.joint(int(k) + 1) for k in still)
     if len(still) == 1:

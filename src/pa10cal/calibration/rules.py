@@ -123,7 +123,8 @@ class Checks:
     # a thousandth of its lengths (size)
     another_scale: float = 0.01
     about_scale: float = 1.3  # how far about a first estimate the factor is looked for (computing)
-    # misfit of the nominal arm, base and target fitted, that no departures explain [m] (size)
+    # misfit of the nominal arm, base and target fitted, that no departures explain, of an arm of
+    # usual size [m] (size)
     not_departures_m: float = 0.01
     # median angle of the orientations off it that none of an arm explains (size)
     attitude_off_rad: float = float(np.radians(20.0))

@@ -30,9 +30,10 @@ LEAST_POSES = 12
 #: Reweighting ends where a fit leaves more than this part of the sum of distances before.
 _CONVERGED = 0.999
 #: What a controller computes from the joints is nearer to the nominal arm than this, by which the
-#: decimals of its joints put it off, and no arm is built so exactly [m]. It is in the arm's own
-#: base, whose axes are those of the description within this angle, or quarter turns of them [rad].
-_COMPUTED_M, _OWN_BASE_RAD = 1e-4, 1e-3
+#: decimals of its joints put it off, and no arm is built so exactly [m]; nor in this part of the
+#: spread of the places. It is in the arm's own base, whose axes are those of the description within
+#: this angle, or quarter turns of them [rad].
+_COMPUTED_M, _COMPUTED_SHARE, _OWN_BASE_RAD = 1e-4, 2e-4, 1e-3
 
 
 def misfit_of(measured: Instrument, T_base_ee: Array, fitted: int | None = None) -> Misfit | None:
@@ -110,7 +111,8 @@ def off_computed_m(T_base_ee: Array, p_m: Array) -> float | None:
     if len(used) < LEAST_POSES:
         return None
     located = placed_by_points(T_base_ee[used], p_m[used, None])
-    if located is None or located.scatter_m > _COMPUTED_M:
+    spread_m = float(np.sqrt(np.var(p_m[used], axis=0).sum()))
+    if located is None or located.scatter_m > min(_COMPUTED_M, _COMPUTED_SHARE * spread_m):
         return None
     R = located.T_instr_base[:3, :3]
     return located.scatter_m if np.abs(R - np.round(R)).max() < _OWN_BASE_RAD else None

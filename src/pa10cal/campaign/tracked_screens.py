@@ -57,7 +57,8 @@ BETTER, BAD_M = 5.0, 2e-3
 LEAST_OTHER_UNIT = 3
 #: Strokes may be in metres if no logged number exceeds this.
 LONGEST_STROKE_M = 10.0
-#: Median misfits of the nominal model, base and target fitted, above which there is a warning.
+#: Median misfits of the nominal model, base and target fitted, above which there is a warning: of
+#: positions those of an arm of usual size.
 WARN_MM, WARN_DEG = 50.0, 10.0
 #: Three angles in radians, read as degrees, turn by no more than this, and by so many times less
 #: than the flange.
@@ -409,7 +410,8 @@ class Screen:
         variance = np.diagonal(measured.stated_covariance, axis1=1, axis2=2)[:, positions]
         seen_variance = variance[measured.components_seen[:, positions]]
         stated_mm = 1e3 * float(np.sqrt(min(len(positions), 3) * np.median(seen_variance)))
-        off = [f"{length_mm:.0f} mm"] if length_mm > max(WARN_MM, 2.0 * stated_mm) else []
+        far_mm = max(WARN_MM * self.arm.size_ratio, 2.0 * stated_mm)
+        off = [f"{length_mm:.{0 if length_mm > 10.0 else 1}f} mm"] if length_mm > far_mm else []
         off += [f"{turn_deg:.0f} deg"] if turn_deg > WARN_DEG else []
         return " and ".join(off)
 

@@ -29,12 +29,12 @@ F = TypeVar("F", bound=Fitted)
 def weight_sizes(arm: Arm, payload: Payload) -> WeightSizes:
     """Return standard uncertainties of the weights of an arm and its tool, as described."""
     if payload.known:
-        tool_kg, com_m = payload.mass_kg, payload.com_u_m or MASSES.tool_com_m
+        tool_kg, com_m = payload.mass_kg, payload.com_u_m or arm.size_ratio * MASSES.tool_com_m
         size_kg = MASSES.tool_share * tool_kg
     else:
         total_kg = 0.0 if arm.mass_kg is None else float(arm.mass_kg.sum())
         tool_kg = size_kg = MASSES.unknown_tool_share * total_kg
-        com_m = MASSES.unknown_tool_com_m
+        com_m = arm.size_ratio * MASSES.unknown_tool_com_m
     known = weights_known(arm)
     return WeightSizes(
         link_mass=known.mass,

@@ -330,7 +330,7 @@ def scale_of_points(p_m: Array, T_base_ee: Array) -> float | None:
     of_S = np.kron((p_m - p_m.mean(axis=0))[:, None, :], np.eye(3)).reshape(-1, 9)
     others = np.concatenate([np.tile(np.eye(3), (len(p_m), 1, 1)), T_base_ee[:, :3, :3]], axis=2)
     partial = _partial_regression(T_base_ee[:, :3, 3].ravel(), of_S, others.reshape(-1, 6))
-    if partial is None or partial.rms < FRAMES.least_motion_m:
+    if partial is None or partial.rms < FRAMES.least_motion_share * _extent_m(T_base_ee):
         return None
     # The second singular value: of positions in one plane the third one is zero.
     return float(np.linalg.svd(partial.coefficients.reshape(3, 3), compute_uv=False)[1])
@@ -349,10 +349,15 @@ def scale_of_distances(d_m: Array, T_base_ee: Array) -> float | None:
     if len(d_m) >= FRAMES.rows_for_target:
         others += [np.einsum("pji,pj->pi", R, x), R.reshape(-1, 9)]
     partial = _partial_regression((x**2).sum(axis=1), d_m[:, None] ** 2, np.hstack(others))
-    if partial is None or partial.rms < FRAMES.least_motion_m**2:
+    if partial is None or partial.rms < (FRAMES.least_motion_share * _extent_m(T_base_ee)) ** 2:
         return None
     square = partial.coefficients[0]
     return None if square <= 0.0 else float(np.sqrt(square))
+
+
+def _extent_m(T_base_ee: Array) -> float:
+    """Return how far the arm reaches in poses (N, 4, 4), root mean square."""
+    return float(np.sqrt(np.mean(np.sum(T_base_ee[:, :3, 3] ** 2, axis=1))))
 
 
 class _Partial(NamedTuple):

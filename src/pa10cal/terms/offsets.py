@@ -70,12 +70,13 @@ class Offsets(Traits):
 def link_departures(arm: Arm, tolerances: Tolerances) -> Offsets:
     """Build the departures of all link parameters: a, alpha, d (or beta), theta of every row.
 
-    A row with Hayati's parameter has beta in place of d (paper, Table I).
+    Tolerances of lengths are those of arms of usual size. A row with Hayati's parameter has beta in
+    place of d (paper, Table I).
     """
     kinds = {
-        "a": (tolerances.a_m, "m"),
+        "a": (tolerances.a_m * arm.size_ratio, "m"),
         "alpha": (tolerances.alpha_rad, "rad"),
-        "d": (tolerances.d_m, "m"),
+        "d": (tolerances.d_m * arm.size_ratio, "m"),
         "beta": (tolerances.beta_rad, "rad"),
         "theta": (tolerances.theta_rad, "rad"),
     }

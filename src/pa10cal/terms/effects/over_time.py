@@ -23,7 +23,9 @@ _SECONDS_AN_HOUR = 3600.0
 _RATE_M_H = 3e-5
 #: Largest rate of a steady drift [m/h]: a floor or a column of steel moves by hundredths of a
 #: millimetre in an hour, a tripod that settles or a camera that warms up by up to some millimetres.
-_MOST_M_H = 3e-3
+#: So it is around an arm that reaches this far [m]; what carries a larger one is larger in
+#: proportion, up to the soil under a crane.
+_MOST_M_H, _USUAL_REACH_M = 3e-3, 1.7
 #: Expected amplitude of the slowest wave of a drifting base [m]; that of wave k is 1/k of it, as of
 #: a random walk.
 _WAVE_M = 1e-4
@@ -89,7 +91,8 @@ class BaseDrift(Effect):
         """Return its limits: of a steady drift the rate that a mount of the instrument may have."""
         if self.waves:
             return super().limits_at(reach_m)
-        most_m_h = max(_MOST_M_H, self.plausible_m_h or _RATE_M_H)
+        of_mount_m_h = _MOST_M_H * max(1.0, reach_m / _USUAL_REACH_M)
+        most_m_h = max(of_mount_m_h, self.plausible_m_h or 0.0)
         why = f"no mount of an arm or instrument moves by {1e3 * most_m_h:.2g} mm in an hour"
         return Limits(values=(-most_m_h, most_m_h), why=why)
 

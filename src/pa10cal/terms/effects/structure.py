@@ -295,14 +295,22 @@ class BaseCompliance(Compliance):
 class ToolSag(Effect):
     """The tooling gives way by c [m] times the part of gravity's direction across its axis."""
 
+    size_ratio: float = field(default=1.0, metadata={OPTIONAL: True})  # `Arm.size_ratio`
     id = "tool_sag"
     varies_with = "the direction of gravity"
     clauses = ("the tool sags under its weight",)
     sits = "tool"
     words = "tool.x, tool.y += c times the part of the unit vector of gravity along them"
-    reported = (TermParameter("c", "m", 3e-6, plausible=1e-4),)
     coordinates = ("tool.x", "tool.y")
     limits = Limits(positive=True)
+
+    @classmethod
+    def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...]:
+        return (context.arm.size_ratio,)
+
+    @property
+    def reported(self) -> tuple[TermParameter, ...]:
+        return (TermParameter("c", "m", 3e-6, plausible=1e-4 * self.size_ratio),)
 
     def per_unit(self, states: PoseStates) -> Array:
         return static_loads_in(states, self).down_ee[:, :2]
