@@ -6,7 +6,7 @@ that is less certain along one of its axes.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -44,6 +44,14 @@ class Fitted(NamedTuple):
     targets_m: Array  # (t,) coordinates of the targets in the end-effector frame
 
 
+class Compared(NamedTuple):
+    """What a point predicts of P poses with b components, less what was measured."""
+
+    residual: Array  # (P, b)
+    columns: Array  # (P, b, k) derivative by the unknowns
+    by_joints: Array  # (P, b, n) derivative by errors of the joints
+
+
 class Left(NamedTuple):
     """What a fitted arm leaves of P poses with b components."""
 
@@ -77,6 +85,8 @@ class ArmFit:
     T_instr_base: Array  # (4, 4) about; the chain has the motions of the base
     torque: Array  # (P, n) by which springs turn joints, at most 1
     whitening: Array  # (P, b, b) by which stated noise has unit covariance
+    # points compared last: fits in several noises begin where the one before ended
+    last_two: list[tuple[Fitted, Compared]] = field(default_factory=list)
 
     @classmethod
     def begun(
@@ -100,39 +110,40 @@ class ArmFit:
         fit = cls(chain, measured, located.T_instr_base, torque, whitening)
         return fit, Fitted(coordinates, targets_m)
 
-    def compare(self, at: Fitted) -> tuple[Array, Array, Array]:
-        """Return residuals (P, b), predicted less measured, and their derivatives.
-
-        By the coordinates of the chain (P, b, m), and by those of the targets (P, b, t).
-        """
+    def compare(self, at: Fitted) -> Compared:
+        """Return the comparison at a point, which no noise changes: the last two are kept."""
+        for known, compared in self.last_two:
+            if known is at:
+                return compared
         end, R = end_pose_with_screws(self.chain, at.coordinates), self.T_instr_base[:3, :3]
         seen = self.measured.compare(self.T_instr_base @ end.T, at.targets_m)
-        screws = np.concatenate([R @ end.screws[:, :3], R @ end.screws[:, 3:]], axis=1)
-        return seen.residual, seen.by_end @ screws, seen.by_targets
+        by_chain = seen.by_end @ np.concatenate([R @ end.screws[:, :3], R @ end.screws[:, 3:]], 1)
+        by_joints = by_chain[:, :, self.chain.joint_columns]
+        by_springs = self.chain.arm.coupling.moved_by_drives(by_joints) * self.torque[:, None]
+        columns = np.concatenate([by_chain, by_springs, seen.by_targets], axis=2)
+        compared = Compared(seen.residual, columns, by_joints)
+        self.last_two[:] = [*self.last_two[-1:], (at, compared)]
+        return compared
 
     def linearise(self, at: Fitted) -> Linearised:
         """Return the problem at a point, in stated noise."""
-        residual, by_chain, by_targets = self.compare(at)
-        by_springs = self._by_springs(by_chain)
-        columns = self.whitening @ np.concatenate([by_chain, by_springs, by_targets], axis=2)
+        residual, columns, _ = self.compare(at)
         return Linearised(
-            columns.reshape(-1, columns.shape[2]), -(self.whitening @ residual[:, :, None]).ravel()
+            (self.whitening @ columns).reshape(-1, columns.shape[2]),
+            -(self.whitening @ residual[:, :, None]).ravel(),
         )
 
     def fitted(self, at: Fitted) -> tuple[Fitted, Left]:
         """Return the point at which the fit ends from another one, and what is left there."""
         at, there = descend(at, self.linearise, self.moved, _SETTLED, _MOST_STEPS)
-        residual, by_chain, by_targets = self.compare(at)
-        joints = self.chain.joint_columns
-        by_springs = self._by_springs(by_chain)
-        columns = np.concatenate([by_chain, by_springs, by_targets], axis=2)
+        residual, columns, by_joints = self.compare(at)
         scale = np.sqrt(np.sum(there.by_step**2, axis=0))
         scale[scale == 0.0] = 1.0
         _, sizes, turned = np.linalg.svd(there.by_step / scale, full_matrices=False)
         known = sizes > _NOT_DETERMINED * sizes[0]
         root = turned[known].T / sizes[known] / scale[:, None]
         squares = np.sum(there.residual.reshape(residual.shape) ** 2, axis=1)
-        return at, Left(residual, squares, columns @ root, by_chain[:, :, joints])
+        return at, Left(residual, squares, columns @ root, by_joints)
 
     def weighted_by(self, covariance: Array) -> ArmFit:
         """Return the fit in another noise, of covariance (P, b, b)."""
@@ -145,12 +156,6 @@ class ArmFit:
         coordinates = at.coordinates + by_chain
         coordinates[:, joints] += self.chain.arm.coupling.with_drives(self.torque * by_springs)
         return Fitted(coordinates, at.targets_m + by_targets)
-
-    def _by_springs(self, by_chain: Array) -> Array:
-        """Return the derivative (P, b, n) by springs of the drives from that by the chain."""
-        by_joints = by_chain[:, :, self.chain.joint_columns]
-        by_drives = self.chain.arm.coupling.moved_by_drives(by_joints)
-        return by_drives * self.torque[:, None]
 
 
 def _relative_torques(readings: Observations, chain: Chain, payload: Payload | None) -> Array:
