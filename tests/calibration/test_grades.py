@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -40,27 +41,39 @@ REVERSED = InputFinding(
 ONE_STEP = CalibrationOptions(max_iterations=1)
 
 
+def measured(
+    folder,
+    robot="ur10",
+    instrument="pose",
+    poses=200,
+    hidden=(),
+    disturbances=(),
+    stated_mm=None,
+    **plan,
+):
+    raw = {
+        "random_seed": 7,
+        "robot": robot,
+        "hidden_effects": list(hidden),
+        "disturbances": list(disturbances),
+        "without_touches": {"instrument": instrument, "poses": poses, **plan},
+    } | ({} if stated_mm is None else {"stated_uncertainty_mm": stated_mm})
+    return pa10cal.read_campaign(write_simulated(folder / "raw", raw))
+
+
 @pytest.fixture
 def campaign(tmp_path):
-    def measured(
-        robot="ur10",
-        instrument="pose",
-        poses=200,
-        hidden=(),
-        disturbances=(),
-        stated_mm=None,
-        **plan,
-    ):
-        raw = {
-            "random_seed": 7,
-            "robot": robot,
-            "hidden_effects": list(hidden),
-            "disturbances": list(disturbances),
-            "without_touches": {"instrument": instrument, "poses": poses, **plan},
-        } | ({} if stated_mm is None else {"stated_uncertainty_mm": stated_mm})
-        return pa10cal.read_campaign(write_simulated(tmp_path / "raw", raw))
+    return partial(measured, tmp_path)
 
-    return measured
+
+@pytest.fixture(scope="module")
+def unweighed(tmp_path_factory):
+    """Return a campaign of an arm whose weights nobody stated, with those that its log shows."""
+    drawn = {"poses": 60, "departs": "rows", "flexible_joints": (2, 3), "hardening": False}
+    found = measured(tmp_path_factory.mktemp("unstated"), **drawn)
+    bare = replace(found.arm, mass_kg=None, com_m=None)
+    arm = weighed_arm(bare, found.observations, found.description.payload)
+    return replace(found, arm=arm)
 
 
 @pytest.mark.slow
@@ -103,40 +116,32 @@ def test_right_data_of_any_arm_are_not_suspected(campaign, robot, instrument, re
     assert grade in ("good", "few_poses"), line
 
 
-def test_a_spring_that_poses_do_not_identify_decides_no_grade(campaign, monkeypatch):
+def test_a_spring_that_poses_do_not_identify_decides_no_grade(unweighed, monkeypatch):
     """Under weights that nobody stated a spring is there where poses show it, or not at all."""
-    found = campaign(poses=60, departs="rows", flexible_joints=(2, 3), hardening=False)
-    bare = replace(found.arm, mass_kg=None, com_m=None)
-    arm = weighed_arm(bare, found.observations, found.description.payload)
     known = case.not_identifiable
     monkeypatch.setattr(case, "not_identifiable", lambda *of: known(*of) | {"windup_2"})
     monkeypatch.setattr(case, "GRADES", replace(case.GRADES, shown_share=0.0))
-    model = pa10cal.calibrate(replace(found, arm=arm))
+    model = pa10cal.calibrate(unweighed)
     assert any(name == "windup_2" for name in (p.name for p in model.model.parameters))
     assert model.grade == "good", model.fitted_to.health
 
 
-def test_uncertain_joints_move_an_arm_whose_weights_nobody_stated(campaign):
+def test_uncertain_joints_move_an_arm_whose_weights_nobody_stated(unweighed):
     """How far they move it is told of poses with the torques of the weights that were fitted."""
-    found = campaign(poses=60, departs="rows", flexible_joints=(2, 3), hardening=False)
-    bare = replace(found.arm, mass_kg=None, com_m=None)
-    arm = weighed_arm(bare, found.observations, found.description.payload)
+    found = unweighed
     log = found.observations.log
     log = replace(log, q_u_rounded=np.full_like(log.q_u, 1e-6))
     every = replace(found.observations, log=log)
-    assert pa10cal.calibrate(replace(found, arm=arm, observations=every)).grade == "good"
+    assert pa10cal.calibrate(replace(found, observations=every)).grade == "good"
 
 
-def test_a_length_that_is_known_well_beside_open_weights_decides_no_grade(campaign, monkeypatch):
+def test_a_length_that_is_known_well_beside_open_weights_decides_no_grade(unweighed, monkeypatch):
     """Directions of weights that nobody stated hold a little of a length that poses show well."""
-    found = campaign(poses=60, departs="rows", flexible_joints=(2, 3), hardening=False)
-    bare = replace(found.arm, mass_kg=None, com_m=None)
-    arm = weighed_arm(bare, found.observations, found.description.payload)
     known = case.not_identifiable
     monkeypatch.setattr(case, "not_identifiable", lambda *of: known(*of) | {"delta_d_4"})
-    assert pa10cal.calibrate(replace(found, arm=arm)).grade == "good"
+    assert pa10cal.calibrate(unweighed).grade == "good"
     monkeypatch.setattr(case, "GRADES", replace(case.GRADES, shown_share=0.0))
-    assert pa10cal.calibrate(replace(found, arm=arm)).grade == "few_poses"
+    assert pa10cal.calibrate(unweighed).grade == "few_poses"
 
 
 @pytest.mark.slow

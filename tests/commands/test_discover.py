@@ -152,25 +152,19 @@ class TestExtendedModel:
         assert named < set(extended["parameters"]) == set(baseline["parameters"])
         assert (tmp_path / "robot.urdf").read_text("utf-8").startswith("<?xml")
 
-    def test_with_nothing_named_the_calibrated_model_is_exported(self, work, found, tmp_path):
-        record = read(found / "extended.json") | {"named": []}
-        path = tmp_path / "extended.json"
-        path.write_text(json.dumps(record), "utf-8")
-        assert export(work, tmp_path, extended=path) == 0
-        model = yaml.safe_load((tmp_path / "model.yaml").read_text("utf-8"))
-        calibrated = read(work / "combined.json")["fitted_model"]
-        assert [term["x"] for term in model["terms"]] == [t["x"] for t in calibrated["terms"]]
-
-    def test_weights_that_the_poses_show_are_exported_with_nothing_named(
-        self, work, found, tmp_path
+    @pytest.mark.parametrize("fits_weights", [False, True])
+    def test_with_nothing_named_the_extended_model_is_exported_if_it_has_weights_alone(
+        self, work, found, tmp_path, fits_weights
     ):
-        record = read(found / "extended.json") | {"named": [], "fits_weights": True}
+        record = read(found / "extended.json")
+        record |= {"named": []} | ({"fits_weights": True} if fits_weights else {})
         path = tmp_path / "extended.json"
         path.write_text(json.dumps(record), "utf-8")
         assert export(work, tmp_path, extended=path) == 0
         model = yaml.safe_load((tmp_path / "model.yaml").read_text("utf-8"))
-        fitted = record["fitted_model"]["terms"]
-        assert [term["x"] for term in model["terms"]] == [t["x"] for t in fitted]
+        expected = record if fits_weights else read(work / "combined.json")
+        fitted = expected["fitted_model"]["terms"]
+        assert [term["x"] for term in model["terms"]] == [term["x"] for term in fitted]
 
     def test_what_is_predicted_without_a_name_is_exported_if_effects_hold_nowhere(
         self, work, found, tmp_path

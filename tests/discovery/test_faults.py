@@ -146,13 +146,17 @@ def test_departures_are_no_faults_where_held_out_poses_confirm_them(
     assert tuple(fault.where for fault in Verdict.faults.fget(verdict)) == (*zero, "joint 6")
 
 
+def fitted_as(grade, *suspected):
+    return FittedTo(
+        campaign="mine", provenance="", calibration="combined", instrument="tracker", poses=100,
+        temperature_C=None, time_s=(0.0, 1.0), grade=grade, health="of the calibration",
+        suspicions=tuple(InputFinding(**each) for each in suspected),
+    )  # fmt: skip
+
+
 @pytest.mark.parametrize(("others", "grade"), [((), "incomplete"), ((SIGN,), "suspect_input")])
 def test_a_fit_of_confirmed_departures_is_incomplete(others, grade):
-    about = FittedTo(
-        campaign="mine", provenance="", calibration="combined", instrument="tracker", poses=100,
-        temperature_C=None, time_s=(0.0, 1.0), grade="suspect_input", health="check the input",
-        suspicions=tuple(InputFinding(**each) for each in (DEPARTS, *others)),
-    )  # fmt: skip
+    about = fitted_as("suspect_input", DEPARTS, *others)
     found = about.confirmed()
     assert found.grade == grade
     assert (found == about) is bool(others)
@@ -160,20 +164,8 @@ def test_a_fit_of_confirmed_departures_is_incomplete(others, grade):
 
 
 def test_departures_confirm_no_fit_that_did_not_converge():
-    about = FittedTo(
-        campaign="mine", provenance="", calibration="combined", instrument="tracker", poses=100,
-        temperature_C=None, time_s=(0.0, 1.0), grade="not_converged", health="it did not converge",
-        suspicions=(InputFinding(**DEPARTS),),
-    )  # fmt: skip
+    about = fitted_as("not_converged", DEPARTS)
     assert about.confirmed() == about
-
-
-def fitted_as(grade, *suspected):
-    return FittedTo(
-        campaign="mine", provenance="", calibration="combined", instrument="tracker", poses=100,
-        temperature_C=None, time_s=(0.0, 1.0), grade=grade, health="of the calibration",
-        suspicions=tuple(InputFinding(**each) for each in suspected),
-    )  # fmt: skip
 
 
 COUPLING = {"id": "joint_coupling", "of": "joint 3"}
@@ -227,11 +219,7 @@ CONTRADICTS = {
 def test_a_fit_whose_campaigns_agree_with_what_was_found_is_incomplete(
     suspected, departures, campaigns, grade
 ):
-    about = FittedTo(
-        campaign="mine", provenance="", calibration="combined", instrument="tracker", poses=100,
-        temperature_C=None, time_s=(0.0, 1.0), grade="suspect_input", health="check the input",
-        suspicions=tuple(InputFinding(**each) for each in suspected),
-    )  # fmt: skip
+    about = fitted_as("suspect_input", *suspected)
     found = about.confirmed(departures=departures, campaigns=campaigns)
     assert found.grade == grade
     assert about.is_confirmed_as(found)

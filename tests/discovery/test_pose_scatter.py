@@ -82,26 +82,24 @@ def test_intervals_hold_what_they_say(model):
     assert pytest.approx(1.96) == HALF_WIDTH_95
 
 
-def test_poses_of_one_campaign_of_a_group_scatter_as_that_one_does(model):
+@pytest.mark.parametrize(
+    ("sizes", "of_july"),
+    [
+        ((1e-5, 2e-5, 3e-5, 4e-5), {"position": 3e-5, "attitude": 4e-5}),
+        ((1e-5, 2e-5), {"position": 1.0, "attitude": 1.0}),  # without its own: as stated
+    ],
+)
+def test_poses_of_one_campaign_of_a_group_scatter_as_that_one_does(model, sizes, of_july):
     each = [seen_by(model, seed, 40)[0] for seed in (4, 5)]
     every = concatenated(each, ("june", "july"))
     names = [name for name, _ in every.measured.component_kinds]
-    scatter = PoseDeviations(TRUE.joints, dict(zip(names, (1e-5, 2e-5, 3e-5, 4e-5), strict=True)))
-    found = scatter.covariance(model, every.take(np.arange(40, 80)))
-    own = PoseDeviations(TRUE.joints, {"position": 3e-5, "attitude": 4e-5}).covariance(
-        model, each[1]
-    )
-    np.testing.assert_allclose(found[:, 6:, 6:], own, rtol=1e-12)
-
-
-def test_a_campaign_without_deviations_of_its_own_has_what_is_stated(model):
-    each = [seen_by(model, seed, 40)[0] for seed in (4, 5)]
-    every = concatenated(each, ("june", "july"))
-    names = [name for name, _ in every.measured.component_kinds]
-    scatter = PoseDeviations(TRUE.joints, dict(zip(names[:2], (1e-5, 2e-5), strict=True)))
-    found = scatter.covariance(model, every)[40:, 6:, 6:]
-    stated = PoseDeviations(TRUE.joints, {"position": 1.0, "attitude": 1.0})
-    np.testing.assert_allclose(found, stated.covariance(model, each[1]), rtol=1e-12)
+    scatter = PoseDeviations(TRUE.joints, dict(zip(names[: len(sizes)], sizes, strict=True)))
+    own = PoseDeviations(TRUE.joints, of_july).covariance(model, each[1])
+    for found in (
+        scatter.covariance(model, every)[40:],
+        scatter.covariance(model, every.take(np.arange(40, 80))),
+    ):
+        np.testing.assert_allclose(found[:, 6:, 6:], own, rtol=1e-12)
 
 
 def test_poses_that_suffice_are_of_all_kinds_and_of_small_campaigns(model, monkeypatch):

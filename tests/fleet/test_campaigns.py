@@ -286,30 +286,27 @@ def test_that_a_campaign_could_not_be_compared_is_told(one_arm):
     assert arm.why.endswith("not compared with the campaign before: the covariance is missing")
 
 
-@pytest.mark.parametrize("moved", [(), ("joint_zero of joint 3",)])
-def test_what_moved_is_told_where_the_flanges_agree_too(monkeypatch, tmp_path, moved):
+@pytest.mark.parametrize(
+    ("moved", "agree", "told"),
+    [
+        ((), True, (True, "the models agree", False)),
+        (("joint_zero of joint 3",), True, (True, "joint 3 moved; the models agree", True)),
+        (("joint_zero of joint 3",), None, (None, "joint 3 moved; the models agree", True)),
+    ],
+)
+def test_what_moved_is_told_whether_flanges_agree_or_not(monkeypatch, tmp_path, moved, agree, told):
     verdict = "joint_zero_moved" if moved else "unchanged"
     what = SimpleNamespace(moved=moved, line="joint 3 moved", verdict=verdict)
-    record = SimpleNamespace(agree=True, line="the models agree", what_moved=what)
+    record = SimpleNamespace(agree=agree, line="the models agree", what_moved=what)
     monkeypatch.setattr("pa10cal.evaluation.two_models.compare_models", lambda *_, **__: record)
     monkeypatch.setattr("pa10cal.fit.model_reading.load_model", lambda folder: folder)
-    line = "joint 3 moved; the models agree" if moved else "the models agree"
-    assert arm_status._compared(tmp_path / "one", tmp_path / "other")[:2] == (True, line)
+    assert arm_status._compared(tmp_path / "one", tmp_path / "other") == told
 
 
 def test_an_arm_that_moved_needs_attention_where_flanges_cannot_be_compared(one_arm):
     moved = (None, "joint 3 moved; whether the models agree cannot be judged", True)
     (arm,) = one_arm(GOOD, GOOD, compared=lambda *_: moved).arms
     assert (arm.attention, arm.why) == ("moved", moved[1])
-
-
-def test_what_moved_is_known_without_common_angles(monkeypatch, tmp_path):
-    what = SimpleNamespace(moved=("j",), line="joint 3 moved", verdict="joint_zero_moved")
-    record = SimpleNamespace(agree=None, line="not judged", what_moved=what)
-    monkeypatch.setattr("pa10cal.evaluation.two_models.compare_models", lambda *_, **__: record)
-    monkeypatch.setattr("pa10cal.fit.model_reading.load_model", lambda folder: folder)
-    found = arm_status._compared(tmp_path / "one", tmp_path / "other")
-    assert found == (None, "joint 3 moved; not judged", True)
 
 
 @pytest.mark.parametrize("verdict", ["none", "not_sought", "named"])
