@@ -167,6 +167,63 @@ def test_a_file_of_the_controllers_poses_alone_says_so(tmp_path, proposed):
 
 
 @pytest.mark.parametrize(
+    ("names", "unit", "per_mm"),
+    [
+        ("x_dif y_dif z_dif", "", 1.0),
+        ("dx dy dz", "", 1.0),
+        pytest.param("\u0394X \u0394Y \u0394Z", "", 1.0, marks=pytest.mark.slow),
+        ("dev_x_um dev_y_um dev_z_um", "um", 1e3),
+    ],
+)
+def test_deviations_from_places_that_were_computed_are_added_to_them(
+    tmp_path, proposed, names, unit, per_mm
+):
+    """A made-up log has where the controller was sent, and how far off a tracker saw it."""
+    raw = sighted(tmp_path, "points")
+    T = computed_by_the_controller(raw)
+    stated_mm = 1e3 * T[:, :3, 3] + 1e3 * T[:, :3, :3] @ [0.0, 0.0, 0.03]
+    off_mm = np.random.default_rng(3).normal(0.0, 2.0, (len(T), 3))
+    columns = ["x_t", "y_t", "z_t", *names.split()]
+    table = with_joints(raw, columns, stated_mm, per_mm * off_mm)
+    table.to_csv(tmp_path / "a.csv", index=False)
+    out = proposed("a.csv")
+    assert f"so {', '.join(names.split())} are added" in out
+    assert "deviation_sign: -1 if they are the reverse" in out
+    described = yaml.safe_load(out)
+    (place,) = described["columns"]["poses"]["targets"].values()
+    assert place.get("deviation_unit", "") == unit
+    for sign in (1, -1):
+        place["deviation_sign"] = sign
+        (tmp_path / "campaign.yaml").write_text(yaml.safe_dump(described))
+        campaign = read_campaign(tmp_path)
+        assert campaign.warnings == ()
+        measured_mm = 1e3 * campaign.observations.measured.p_instr_m[:, 0]
+        assert measured_mm == pytest.approx(stated_mm + sign * off_mm, abs=1e-6)
+
+
+def test_a_deviation_that_is_no_number_is_told_by_its_own_column(tmp_path, proposed):
+    raw = sighted(tmp_path, "points")
+    T = computed_by_the_controller(raw)
+    off_mm = np.random.default_rng(3).normal(0.0, 2.0, (len(T), 3))
+    columns = ["x_t", "y_t", "z_t", "x_dif", "y_dif", "z_dif"]
+    table = with_joints(raw, columns, 1e3 * T[:, :3, 3], off_mm).astype(object)
+    table.loc[4, "y_dif"] = "lost"
+    table.to_csv(tmp_path / "a.csv", index=False)
+    proposed("a.csv")
+    (row,) = read_campaign(tmp_path).quarantined
+    assert (row.line, "lost" in row.value) == (6, True)
+
+
+def test_deviations_beside_what_was_measured_are_not_added(tmp_path, proposed):
+    raw = sighted(tmp_path, "points")
+    seen_mm = 1e3 * raw.p_instr_m[:, 0]
+    columns = ["x", "y", "z", "x_dif", "y_dif", "z_dif"]
+    off_mm = np.random.default_rng(3).normal(0.0, 2.0, seen_mm.shape)
+    with_joints(raw, columns, seen_mm, off_mm).to_csv(tmp_path / "a.csv", index=False)
+    assert "deviation:" not in proposed("a.csv")
+
+
+@pytest.mark.parametrize(
     "names",
     [
         "Q0 Qx Qy Qz Tx Ty Tz",

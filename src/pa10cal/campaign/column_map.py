@@ -53,6 +53,7 @@ class OwnColumn:
     offset: float = 0.0
     key: str = ""  # the key of campaign.yaml that maps it, such as columns.poses.joints
     zero: float = 0.0  # the part of the offset that `joint_offsets_deg` of campaign.yaml adds
+    weights: tuple[float, ...] = (1.0,)  # of columns whose sum the number is
 
     @property
     def name(self) -> str:
@@ -131,7 +132,7 @@ class ColumnMap:
 
         `names` are the columns of the contract in the order in which their sources should be named.
         """
-        own = [self.sources[name].name for name in names if name in self]
+        own = [self.sources[name].names[0] for name in names if name in self]
         quoted = (
             name if _PLAIN.fullmatch(name) else "'{}'".format(name.replace("'", "''"))
             for name in own
@@ -145,7 +146,7 @@ class ColumnMap:
         """
         reported: set[str] = set()
         for name, own in self.sources.items():
-            header = unit_of(own.name)
+            header = unit_of(own.names[0])
             known = any({header, own.unit} <= family.keys() for family in _FAMILIES)
             if known and header != own.unit and own.key not in reported:
                 reported.add(own.key)

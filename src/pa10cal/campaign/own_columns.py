@@ -148,6 +148,14 @@ class Position(Section):
         default=None,
         description="the columns are horizontal angle, vertical angle and distance (unit)",
     )
+    deviation: Three | None = Field(
+        default=None,
+        description="columns of what was measured less names, a stated place: both are added",
+    )
+    deviation_unit: LengthUnit | None = Field(default=None, description="where it is another")
+    deviation_sign: Literal[1, -1] = Field(
+        default=1, description="-1 where the file has the stated place less what was measured"
+    )
     u: Three | None = None
     u_unit: LengthUnit | None = Field(default=None, description="of u, where it is another")
     coverage: Positive = Field(
@@ -158,7 +166,16 @@ class Position(Section):
     def _no_u_of_polar(self) -> Self:
         if self.polar is not None and self.u is not None:
             raise ValueError("u of x, y and z alone; state instrument.uncertainty_mm for polar")
+        if self.polar is not None and self.deviation is not None:
+            raise ValueError("deviation of x, y and z alone")
         return self
+
+    def terms(self, axis: int) -> tuple[tuple[str, ...], tuple[float, ...]]:
+        """Return the columns whose sum is a coordinate, and the weight of each, in `unit`."""
+        deviation = () if self.deviation is None else self.deviation[axis : axis + 1]
+        factor = FACTORS[self.deviation_unit or self.unit] / FACTORS[self.unit]
+        weights = (1.0, self.deviation_sign * factor)
+        return (self.names[axis], *deviation), weights[: 1 + len(deviation)]
 
 
 class DistanceColumns(Section):
@@ -333,7 +350,10 @@ class FileColumns(Layout):
                     part.scale(k) if unit == COUNTS else (FACTORS[unit], OFFSETS.get(unit, 0.0))
                 )
                 where = f"{section}.{key}"
-                yield name, OwnColumn(part.names[k : k + 1], unit, factor, offset, where)
+                names, weights = part.names[k : k + 1], (1.0,)
+                if getattr(part, "deviation", None) is not None:
+                    names, weights = part.terms(k)
+                yield name, OwnColumn(names, unit, factor, offset, where, weights=weights)
                 if (u := getattr(part, "u", None)) is not None:
                     if (u_unit := getattr(part, "u_unit", None)) is not None:
                         unit, factor = u_unit, FACTORS[u_unit]

@@ -30,7 +30,7 @@ from pa10cal.campaign.log_labels import shared_labels
 from pa10cal.campaign.nominal_fit import off_computed_m, placed_by_points
 from pa10cal.campaign.own_columns import FileColumns
 from pa10cal.campaign.proposed_columns import ProposedColumns
-from pa10cal.campaign.recognise import Roles
+from pa10cal.campaign.recognise import Roles, deviations_of
 from pa10cal.campaign.row_targets import labels_without_targets, named_in_other_log
 from pa10cal.campaign.sniffing import Sniffed, rows_at
 from pa10cal.campaign.two_logs import LABELS, TwoLogs
@@ -121,6 +121,21 @@ def _without_computed_places(
         taken = ", ".join(next(iter(found.positions.values())))
         note = f"position: {taken} taken, as {', '.join(first)} are {what}"
         return replace(making, sniffed=rest, roles=found, checks=[note])
+    deviations = deviations_of(making.sniffed.names)
+    if len(deviations) == 1:
+        label = next(each for each, names in making.roles.positions.items() if names == first)
+        summed = replace(
+            making.roles,
+            positions={label: first},
+            attitude=None,
+            deviations=(first, deviations[0]),
+        )
+        note = (
+            f"position: {', '.join(first)} are {what}, so {', '.join(deviations[0])} are added, "
+            "which are taken for what was measured less that; deviation_sign: -1 if they are the "
+            "reverse: the nominal arm agrees with both alike"
+        )
+        return replace(making, roles=summed, checks=[note])
     note = (
         f"position: {', '.join(first)} seem to be {what}, which calibrates nothing: name the "
         "columns that an instrument measured"

@@ -349,6 +349,12 @@ class ProposedColumns:
             return self._polar(names, T_base_ee)
         unit = self._stated(names, LENGTHS) or self._unit_of_lengths(names, T_base_ee)
         columns: dict[str, Any] = {"names": list(names), "unit": unit}
+        stated, deviations = self.roles.deviations or ((), ())
+        if names == stated:
+            columns["deviation"] = list(deviations)
+            deviation_unit = self._stated(deviations, LENGTHS)
+            if deviation_unit not in (None, unit):
+                columns["deviation_unit"] = deviation_unit
         u = [self.roles.uncertain[name] for name in names if name in self.roles.uncertain]
         if len(u) < len(names):
             return columns

@@ -298,10 +298,11 @@ class RawFile:
             parts = zip(time.names, time.unit, strict=True)
             seconds = np.sum([FACTORS[unit] * raw.columns[own] for own, unit in parts], 0)
             return seconds, _texts_of(raw, time.names)
-        values = source.factor * raw.columns[source.name] + source.offset
+        own_values = raw.numbers_of(source.names) @ np.array(source.weights)
+        values = source.factor * own_values + source.offset
         # An uncertainty of 0 states nothing.
         unstated = name.startswith("u_") & (values == 0.0)
-        return np.where(unstated, np.nan, values), raw.non_numeric[source.name]
+        return np.where(unstated, np.nan, values), _texts_of(raw, source.names)
 
     def _one_row_a_pose(
         self, raw: RawRows, of_targets: _RowsOfTargets, columns: FileColumns, every: RawRows

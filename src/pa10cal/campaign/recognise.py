@@ -40,6 +40,8 @@ _NUMBERED_AXIS = re.compile(r"^([xyz])(\d+)$", re.IGNORECASE)
 _NUMBERED_WORD = re.compile(r"^([a-z]{2,})(\d+)$")
 #: Targets that move by less than this part of the largest motion are at rest.
 _STILL = 0.02
+#: A difference of x, y or z in one word, as in dX and dx_mm.
+_DIFFERENCE = re.compile(r"^d[_ ]?([xyz])(?![a-z])", re.IGNORECASE)
 #: An uncertainty and its column in one word, as in sx and stdq1.
 _RUN_ON = re.compile(r"(?:s|u|std|sigma)([xyz]|q\d)")
 #: Kinds of words of columns that hold no position of a target.
@@ -63,6 +65,8 @@ class Roles:
     times: tuple[str, ...] = ()  # all columns that may hold a date or a time of day
     # polar readings, which are then the only position: horizontal, vertical angle, distance
     polar: tuple[str, ...] | None = None
+    # columns of a stated place, and of deviations from it, where their sum was measured
+    deviations: tuple[tuple[str, ...], tuple[str, ...]] | None = None
 
     def renamed(self, names: Mapping[str, str]) -> Roles:
         """Return the roles with other names of the columns; `names` has the new by the old."""
@@ -199,6 +203,17 @@ def positions_of(names: Sequence[str]) -> dict[str, tuple[str, ...]]:
     numbered = _numbered_vectors(names, VOCABULARY["translation"])
     vectors = {_around_axis(triple[0]).rstrip("0123456789"): triple for triple in numbered}
     return (_triples(names) or _triples(names, numbered=True)) | vectors
+
+
+def deviations_of(names: Sequence[str]) -> list[tuple[str, ...]]:
+    """Return triples x, y, z of deviations from a place: ΔX, x_dif, X error, dx."""
+    apart = {_DIFFERENCE.sub(r"delta \1", name): name for name in names}
+    differences = [name for name in apart if is_of(name, "deviation")]
+    return [
+        tuple(apart[name] for name in axes.values())
+        for axes, place in _by_axis(differences, "xyz")
+        if not has_word(place, "rotation", *_NO_PLACE)
+    ]
 
 
 def _numbered_vectors(names: Sequence[str], words: Collection[str]) -> Iterator[tuple[str, ...]]:
