@@ -185,16 +185,33 @@ def test_poses_about_one_point_need_attitudes():
     found = hand_eye_from_poses(T_base_ee, T)
     np.testing.assert_allclose(found.T_instr_base, T_instr_base, atol=1e-9)
     np.testing.assert_allclose(found.T_ee_targets[0], T_ee_target, atol=1e-9)
-    with pytest.raises(CalibrationError, match=r"collinear or coincide.*turn of the base"):
-        hand_eye_from_points(T_base_ee, T[:, None, :3, 3])
+    of_points = hand_eye_from_points(T_base_ee, T[:, None, :3, 3])
+    np.testing.assert_allclose(of_points.T_ee_targets[0, :3, 3], T_ee_target[:3, 3], atol=1e-9)
+    assert of_points.scatter_m < 1e-9
+    assert len(of_points.held) == 3
+    assert (of_points.axis_u_rad > 1.8).all()
 
 
-def test_targets_on_one_line_are_refused():
+def test_about_one_line_the_turn_of_the_base_is_any():
+    """A ball is touched in two sockets, by an arm in many positions."""
     rng = np.random.default_rng(5)
-    T_base_ee = turns_about_z(rng, 10)
-    T_base_ee[:, :3, :3], T_base_ee[:, 1:3, 3] = np.eye(3), 0.0
-    with pytest.raises(CalibrationError, match=r"collinear.*allowed: .*span a plane"):
-        hand_eye_from_points(T_base_ee, seen(frame(rng, 1.0), T_base_ee, np.zeros((1, 3))))
+    T_instr_base, p_ee_m = frame(rng, 1.0), rng.uniform(-0.2, 0.2, 3)
+    T_base_ee = np.tile(np.eye(4), (12, 1, 1))
+    T_base_ee[:, :3, :3] = Rotation.random(12, random_state=rng).as_matrix()
+    sockets_m = np.where(np.arange(12)[:, None] < 6, [0.4, 0.1, 0.2], [0.4, 0.15, 0.2])
+    T_base_ee[:, :3, 3] = sockets_m - T_base_ee[:, :3, :3] @ p_ee_m
+    found = hand_eye_from_points(T_base_ee, seen(T_instr_base, T_base_ee, p_ee_m[None]))
+    np.testing.assert_allclose(found.T_ee_targets[0, :3, 3], p_ee_m, atol=1e-9)
+    assert found.scatter_m < 1e-9
+    assert len(found.held) == 1
+    assert found.held[0] in (
+        "the base about (0.00, 1.00, 0.00)",
+        "the base about (0.00, -1.00, 0.00)",
+    )
+    # The line itself keeps its direction; the other axes turn about it.
+    np.testing.assert_allclose(found.T_instr_base[:3, 1], T_instr_base[:3, 1], atol=1e-9)
+    assert found.axis_u_rad[1] < 1e-6
+    assert found.axis_u_rad[[0, 2]] == pytest.approx(np.pi / np.sqrt(6.0), rel=1e-3)
 
 
 def test_two_poses_and_a_target_never_seen_are_refused():

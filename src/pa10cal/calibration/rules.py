@@ -82,6 +82,8 @@ class Grades:
     # part of the spread of the places seen that no calibrated arm is off by, where held-out
     # poses do not confirm it (size)
     no_fit_general_share: float = 0.05
+    # distinct places for each reading, at most, where few are touched again and again (size)
+    touched_share: float = 0.25
     # root mean square error over that of the noise above which the paper's model lacks
     # something (trials)
     paper_incomplete: float = 3.0

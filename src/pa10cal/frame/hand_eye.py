@@ -26,6 +26,7 @@ from pa10cal.errors import CalibrationError
 from pa10cal.frame.point_fits import by_small_motion, fit_rigid, fit_rigid_weighted
 from pa10cal.frame.target_problem import (
     TargetProblem,
+    free_turns,
     mean_turn,
     points_by_distances,
     turn_by_orientations,
@@ -332,7 +333,8 @@ def hand_eye_from_points(
     """Solve p_instr = T_instr_base (T_base_ee p_ee) for the base frame and the places of B targets.
 
     Rotations start from the positions in closed form, and from a rigid fit of the targets at their
-    stated places; the better of the refined starts is returned.
+    stated places; the better of the refined starts is returned. About a line on which all positions
+    lie, as those of two touched points, the base is turned anyhow, which changes no arm.
 
     Args:
         p_instr_m: (P, B, 3) measured positions [m], nan where a target was not seen.
@@ -342,8 +344,7 @@ def hand_eye_from_points(
         roughly: whether the scatter to a part in a million is enough.
 
     Raises:
-        CalibrationError: with fewer than three poses, when a target was never seen, or when the
-            positions lie on one line, so that the base may turn about it.
+        CalibrationError: with fewer than three poses, or when a target was never seen.
     """
     targets = p_instr_m.shape[1]
     named = [f"target {name}" for name in names or range(1, targets + 1)]
@@ -360,14 +361,16 @@ def hand_eye_from_points(
     problem = TargetProblem.of(T_base_ee, p_instr_m, p_ee_m, weights)
     few = problem.thinned
     turns = turns_by_positions(few)
-    if not turns:
-        raise CalibrationError(
-            "the positions are collinear or coincide, so the turn of the base about them is free",
-            where="poses for the base frame",
-            allowed="poses whose positions span a plane",
-            remedy="measure poses further apart across the line",
-        )
-    return _best(problem, [first_guess(few, turn, np.eye(3)) for turn in turns], named, roughly)
+    found = _best(problem, [first_guess(few, turn, np.eye(3)) for turn in turns], named, roughly)
+    free = free_turns(problem) @ found.T_instr_base[:3, :3]
+    if not len(free) or found.axis_u_rad is None:
+        return found
+    # Any angle is as likely as another about these axes, which turn the others with them.
+    about = np.sum(free**2, axis=0)
+    across = (about.sum() - about) * np.pi**2 / 6.0
+    held = tuple(f"the base about {axis_text(axis)}" for axis in free)
+    u_rad = np.hypot(found.axis_u_rad, np.sqrt(across))
+    return replace(found, axis_u_rad=u_rad, held=(*(found.held or ()), *held))
 
 
 def ranging(

@@ -146,23 +146,33 @@ class TargetProblem:
 
 
 def turns_by_positions(problem: TargetProblem) -> list[Array]:
-    """Return rotations R_instr_base to start from, by positions; none if these are collinear.
+    """Return rotations R_instr_base to start from, by positions.
 
-    One is from the relaxed problem, one from a rigid fit of the targets at their stated places.
+    One is from the relaxed problem, one from a rigid fit of the targets at their stated places,
+    which says nothing where the positions are on a line: the turn about it is then any.
     """
     root, offsets = problem.root_weight[:, None], problem.weighted_offsets_m
-    singular_values = np.linalg.svd(offsets, compute_uv=False)
-    if singular_values[1] <= max(
-        NOT_REPRODUCED * singular_values[0], FRAMES.least_spread_m * np.linalg.norm(root)
-    ):
-        return []
-    stated = problem.in_base(problem.p_ee_stated_m)
-    stated = root * (stated - np.average(stated, axis=0, weights=root[:, 0] ** 2))
     design, values = position_equations(problem)
     unknowns = _least_squares(design.reshape(values.size, -1), values.ravel())
     # The first nine are the columns of S; as rows of a matrix they make S', the base's rotation.
-    by_equations = unknowns[:9].reshape(3, 3)
-    return [nearest_rotation(by_equations), nearest_rotation(offsets.T @ stated)]
+    by_equations = nearest_rotation(unknowns[:9].reshape(3, 3))
+    if len(free_turns(problem)):
+        return [by_equations]
+    stated = problem.in_base(problem.p_ee_stated_m)
+    stated = root * (stated - np.average(stated, axis=0, weights=root[:, 0] ** 2))
+    return [by_equations, nearest_rotation(offsets.T @ stated)]
+
+
+def free_turns(problem: TargetProblem) -> Array:
+    """Return the axes (k, 3) in the instrument's frame about which positions leave turns free.
+
+    None if they span a plane, that of a line, or all three if they are in one place.
+    """
+    _, size, axes = np.linalg.svd(problem.weighted_offsets_m, full_matrices=False)
+    least = FRAMES.least_spread_m * np.linalg.norm(problem.root_weight)
+    if size[1] > max(NOT_REPRODUCED * size[0], least):
+        return np.zeros((0, 3))
+    return np.asarray(axes if size[0] <= least else axes[:1])
 
 
 def position_equations(problem: TargetProblem) -> tuple[Array, Array]:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from pa10cal.arm.chain import BASE
+from pa10cal.arm.chain import BASE, Chain
 from pa10cal.arm.description import Arm, weights_known
 from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Array, Mask
@@ -172,7 +172,7 @@ class _FittedCase:
         model = with_discrepancy(full, _single_readings(case, every), weighed)
         grid = _with_model_torques(model, grid, payload)
         found = cls(case, every, start, used, full, geometry, nominal, model, grid, rows)
-        spread_mm = used.measured.spread_mm
+        spread_mm = _spread_mm(case.arm, used)
         _refuse_another_arm(full, found.all_rms_mm, spread_mm, found.noise_mm)
         return found
 
@@ -272,7 +272,7 @@ class _FittedCase:
             discrepancy_mm=lacking_mm(model.discrepancy, used.states.q_rad),
             lost_without_log_mm=lost_without_log_mm(model, self.grid.take(self.rows)),
             joints_mm=by_uncertain_joints_mm(model.model, model.x, self.grid.take(self.rows)),
-            spread_mm=used.measured.spread_mm,
+            spread_mm=_spread_mm(case.arm, used),
             suspected_outliers=len(self.outliers),
             rigid_outliers=sum(RIGID in outlier.why for outlier in self.outliers),
             at_one_end=at_one_end(used.states, self.flagged[self.rows]),
@@ -450,6 +450,23 @@ def _single_readings(case: LoadCase, every: Observations) -> Observations:
     return single.take(case.rows(single.states))
 
 
+def _spread_mm(arm: Arm, used: Observations) -> float:
+    """Return the spread of the places where targets were, or would be if unrelated to the joints.
+
+    The latter where few places were touched again and again: it is that of the arm's end, each
+    joint at its positions in other rows.
+    """
+    spread_mm, places_m = used.measured.spread_mm, used.measured.places_m
+    distinct = np.unique(places_m.reshape(len(places_m), -1).round(6), axis=0)
+    if len(distinct) > GRADES.touched_share * len(places_m):
+        return spread_mm
+    q = used.states.q_rad
+    shifts = [k * len(q) // (q.shape[1] + 1) for k in range(q.shape[1])]
+    shuffled = np.column_stack([np.roll(q[:, k], shift) for k, shift in enumerate(shifts)])
+    ends_m = Chain.of(arm).forward(shuffled)[:, :3, 3]
+    return max(spread_mm, 1e3 * float(np.sqrt(ends_m.var(axis=0).sum())))
+
+
 def _refuse_another_arm(
     general: GeneralCalibration, left_mm: float, spread_mm: float, noise_mm: float | None
 ) -> None:
@@ -462,7 +479,7 @@ def _refuse_another_arm(
     raise CalibrationError(
         "the arm as described does not fit the readings",
         where=general.arm.name,
-        value=f"{left_mm:.1f} mm rms remain; the measured positions spread by {spread_mm:.0f} mm",
+        value=f"{left_mm:.1f} mm rms remain; the positions spread by {spread_mm:.0f} mm",
         allowed=f"errors below {100 * GRADES.no_fit_general_share:.0f} % of that spread",
         remedy="check robot, order, signs and zeros of the joints, and units",
     )
