@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from made_up_poses import context_of, states_of
-from pa10cal.discovery.credible_amounts import reasons_against_amounts
+from pa10cal.discovery.credible_amounts import reasons_against_amounts, surely_negative
 from pa10cal.discovery.refitted_verdict import finding_of, instead, too_many_others, unfit
 from pa10cal.files.arms import load_arm
-from pa10cal.terms.effects.joint import SoftWindup
+from pa10cal.terms.effects.joint import GearRatioError, SoftWindup
 from pa10cal.terms.effects.structure import AxisWobble, BaseCompliance, LateralCompliance
 from pa10cal.terms.effects.vocabulary import candidates
 
@@ -79,6 +79,9 @@ def test_only_what_is_negative_is_said_to_be():
     soft = next(each for each in candidates(context_of(ARM)) if isinstance(each, SoftWindup))
     (why,) = reasons_against_amounts(soft, fitted([-1e-4, 5.0]))
     assert why == "its A would be negative, which is not physical"
+    assert surely_negative(BASE, fitted([1e-6, -1e-6], np.diag([1e-14, 1e-14])))
+    assert not surely_negative(BASE, fitted([1e-6, -1e-6], np.diag([1e-14, 1e-12])))
+    assert not surely_negative(GearRatioError("joint 2"), fitted([-1e-3]))
 
 
 @pytest.mark.parametrize(

@@ -67,6 +67,7 @@ def test_a_sign_that_is_not_physical_is_no_name(request, campaign, of, parameter
     assert after.effects == ()
     assert [place.of for place in after.unexplained] == [of]
     assert f"its {parameter} would be negative, which is not physical" in why(after)
+    assert [place.below_zero for place in after.unexplained] == [True]
     # The model is what it was before the search, and so is the gap.
     assert len(after.model.model.terms) == len(found.baseline.model.terms)
     assert after.train.after.mean_mm == pytest.approx(after.train.before.mean_mm, rel=0.1)

@@ -27,6 +27,7 @@ from pa10cal.terms.effects.joint import (
 )
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
 from pa10cal.terms.effects.over_time import BaseDrift
+from pa10cal.terms.effects.structure import BaseCompliance
 
 SURE = 1.0 - PROBABILITIES.unknown
 BACKLASH, GEAR = Backlash("joint 1"), GearRatioError("joint 1")
@@ -291,7 +292,7 @@ def test_of_touches_a_log_of_another_instant_may_be_a_machine_that_reads_by_the_
         prepared=SimpleNamespace(readings=SimpleNamespace(measured=measured)),
         scorer=SimpleNamespace(extended=SimpleNamespace(effects=())),
     )
-    proof = SimpleNamespace(unknown_cause=None)
+    proof = SimpleNamespace(unknown_cause=None, weights=None)
     along = replace(finding(), effect=AlongMove("arm", (1, 2, 3)), proof=proof)
     backlash = replace(finding(), proof=proof)
     doubted = probabilities.with_unknown_cause(found, along).probability
@@ -313,7 +314,7 @@ def test_of_touches_a_log_of_another_instant_may_be_a_machine_that_reads_by_the_
     ],
 )
 def test_errors_of_several_parts_of_one_joint_may_be_one_curve(others, least, most):
-    proof = SimpleNamespace(unknown_cause=None)
+    proof = SimpleNamespace(unknown_cause=None, weights=None)
     effects = (EncoderEccentricity("joint 1", 1.0), *others)
     findings = tuple(replace(finding(), effect=each, proof=proof) for each in effects)
     found = SimpleNamespace(
@@ -327,6 +328,35 @@ def test_errors_of_several_parts_of_one_joint_may_be_one_curve(others, least, mo
     )
     told = probabilities.with_unknown_cause(found, findings[0]).explanations
     assert least - 1e-9 <= told.none_of_these <= most + 1e-9
+
+
+@pytest.mark.parametrize(
+    ("effect", "left", "unknown"),
+    [
+        (BaseCompliance("base"), ("lateral_compliance", True), PROBABILITIES.unknown_beside),
+        (BaseCompliance("base"), ("joint_compliance", True), PROBABILITIES.unknown_beside),
+        (BaseCompliance("base"), ("joint_compliance", False), PROBABILITIES.unknown),
+        (BaseCompliance("base"), ("backlash", True), PROBABILITIES.unknown),
+        (BaseCompliance("base"), (None, False), PROBABILITIES.unknown),
+        (GEAR, ("lateral_compliance", True), PROBABILITIES.unknown),
+    ],
+)
+def test_what_gives_way_beside_something_that_would_stiffen_is_less_sure(effect, left, unknown):
+    """As a bearing with play, which the next joint would have to take back."""
+    by_errors = SimpleNamespace(probability=lambda noise_mm: PROBABILITIES.unknown)
+    proof = SimpleNamespace(unknown_cause=by_errors, weights=None)
+    form, below_zero = left
+    found = SimpleNamespace(
+        findings=(),
+        unexplained=(SimpleNamespace(form=form, below_zero=below_zero),),
+        noise_floor_mm=0.03,
+        prepared=SimpleNamespace(
+            readings=SimpleNamespace(measured=SimpleNamespace(from_touches=False))
+        ),
+        scorer=SimpleNamespace(extended=SimpleNamespace(effects=())),
+    )
+    told = probabilities.with_unknown_cause(found, replace(finding(), effect=effect, proof=proof))
+    assert told.unknown_probability == pytest.approx(unknown)
 
 
 def test_a_line_says_what_else_may_be_there():

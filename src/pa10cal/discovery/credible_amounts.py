@@ -72,6 +72,15 @@ def _negative(effect: Effect, x: Array) -> Iterator[str]:
         yield f"its {', '.join(negative)} would be negative, which is not physical"
 
 
+def surely_negative(effect: Effect, model: FittedModel) -> bool:
+    """Return whether an amount that physics keeps positive is surely not, in a fit that has it."""
+    if not effect.limits_at(model.arm.reach_m).positive:
+        return False
+    x, covariance = _fitted(effect, model)
+    highest = x + HALF_WIDTH_95 * np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    return bool((highest[: effect.linear] < 0.0).any())
+
+
 def _beyond(
     effect: Effect, x: Array, covariance: Array, u_scale: float, limits: Limits
 ) -> Iterator[str]:

@@ -16,6 +16,7 @@ from pa10cal.discovery.verdict import Scorer, Verdict
 from pa10cal.fit.levels import by_levels, levels_of_joints, of_position
 from pa10cal.fit.rows_about_fit import RowsAboutFit
 from pa10cal.terms.effects.effect import Effect
+from pa10cal.terms.effects.vocabulary import every_effect
 
 S = TypeVar("S", bound=Scorer)
 F = TypeVar("F", bound=Finding)
@@ -38,7 +39,8 @@ def with_unknown_cause(found: Verdict, finding: F) -> F:
     Its proof may know it, by the error that would remain. Else it is larger where more than noise
     remains without a name. It is also larger where a machine that touches may read by the side from
     which it comes, and where the effect is larger than such effects are and weights pull at its
-    joint: then another cause looks like it.
+    joint: then another cause looks like it. So it is where something else would have to stiffen
+    under weights: then what gives way is not in proportion to them, as a bearing with play is not.
     """
     if (by_errors := finding.proof.unknown_cause) is not None:
         unknown = by_errors.probability(found.train.noise_rms_mm)
@@ -50,12 +52,24 @@ def with_unknown_cause(found: Verdict, finding: F) -> F:
     if (beside := _causes_beside(found, finding)) > 0:
         odds_of_one = PROBABILITIES.one_curve / PROBABILITIES.second ** (beside - 1)
         unknown = max(unknown, odds_of_one / (1.0 + odds_of_one))
+    if finding.proof.weights is None and _stiffens(found, finding.effect):
+        unknown = max(unknown, PROBABILITIES.unknown_beside)
     touched = found.prepared.readings.measured.from_touches
     if touched and finding.effect.of_moves:
         unknown = max(unknown, PROBABILITIES.machine_reverses)
     size = _plausible_sizes(found, finding.effect) / PROBABILITIES.usual_sizes
     odds = max(1.0, size) ** PROBABILITIES.size_power * unknown
     return replace(finding, unknown_probability=odds / (1.0 - unknown + odds))
+
+
+def _stiffens(found: Verdict, effect: Effect) -> bool:
+    """Return whether an effect gives way under weights, and something else stiffens under them.
+
+    What does so has a compliance surely below zero, and no name for it.
+    """
+    kinds = {kind.id for kind in every_effect() if kind.bends or kind.yields}
+    left = found.unexplained
+    return effect.id in kinds and any(each.below_zero and each.form in kinds for each in left)
 
 
 def _causes_beside(found: Verdict, finding: Finding) -> int:

@@ -10,7 +10,7 @@ from dataclasses import replace
 from typing import TypeVar
 
 from pa10cal.arm.statics import PoseStates
-from pa10cal.discovery.credible_amounts import reasons_against_amounts
+from pa10cal.discovery.credible_amounts import reasons_against_amounts, surely_negative
 from pa10cal.discovery.finding import Finding, label_of
 from pa10cal.discovery.rules import NAMES
 from pa10cal.discovery.verdict import Scorer, Verdict
@@ -63,9 +63,13 @@ def without_names(found: Verdict[S], reasons: Mapping[Finding, str]) -> Verdict[
     Raises ValueError for a name that the verdict does not have.
     """
     gone = [finding_of(found, finding.effect).effect for finding in reasons]
+    negative = [surely_negative(effect, found.model) for effect in gone]
     found = with_findings(found, [one for one in found.findings if one.effect not in gone])
     left_mm = found.train.after.mean_mm
-    unknown = (no_name(finding, left_mm, why) for finding, why in reasons.items())
+    unknown = (
+        no_name(finding, left_mm, why).model_copy(update={"below_zero": below_zero})
+        for (finding, why), below_zero in zip(reasons.items(), negative, strict=True)
+    )
     return replace(found, unexplained=(*found.unexplained, *unknown))
 
 

@@ -258,7 +258,7 @@ class Probabilities:
     second: float = 0.05  # odds of two errors of the same joint's angle against one cause (level)
     one_curve: float = 1.0  # odds of a curve without a name against two causes at a joint (trials)
     unknown: float = 0.01  # probability that no effect that was tried is present (trials)
-    # the same where repeats judge and more than noise is left without a name (trials)
+    # the same where more than noise is left without a name, or something stiffens (trials)
     unknown_beside: float = 0.17
     # probability, of touches, that a log of another instant is a machine that reads by the side
     # from which it comes: both follow the move to the pose, and no such error is tried (chosen)

@@ -159,6 +159,8 @@ class Unexplained(record.Part):
     # its position error [mm]; null where it has been modelled by a map
     shared_error_mm: float | None
     why: str  # why it has no name
+    # true where what fits best would have an amount surely below zero, as no such effect has
+    below_zero: bool = Field(default=False, exclude_if=lambda value: not value)
 
 
 #: What is wrong in a log; `docs/results.md` lists the word, `docs/how-to/faults.md` what it means.
