@@ -61,6 +61,18 @@ def test_weights_scale_with_the_cube_of_the_arm_and_uncertainty_with_them(factor
     assert known.origin == "assumed"
 
 
+def test_a_rail_makes_the_arm_on_it_no_heavier():
+    def on_rail(rail_m):
+        limits_rad = load_arm("ur10").limits_rad.copy()
+        limits_rad[0] = (0.0, rail_m)
+        slides = np.arange(6) == 0
+        return with_assumed_weights(replace(bare(), prismatic=slides, limits_rad=limits_rad))
+
+    fixed_kg = with_assumed_weights(bare()).mass_kg.sum()
+    assert on_rail(1.0).mass_kg.sum() == pytest.approx(fixed_kg)
+    assert on_rail(20.0).mass_kg.sum() == pytest.approx(fixed_kg)
+
+
 def test_a_total_is_what_the_parts_add_up_to():
     arm = with_assumed_weights(bare(), total_kg=29.0)
     assert arm.mass_kg.sum() == pytest.approx(29.0)

@@ -174,8 +174,13 @@ def with_assumed_weights(arm: Arm, total_kg: float | None = None) -> Arm:
     near_m, far_m = link_ends(arm)
     length_m = np.linalg.norm(far_m - near_m, axis=1)
     size_m = length_m + MASSES.drives_share * arm.reach_m
-    mass_kg = size_m / size_m.sum()
-    mass_kg *= MASSES.kg_at_1_m * arm.reach_m**MASSES.length_power if total_kg is None else total_kg
+    if total_kg is None:
+        # A rail bears the arm, and makes it no heavier.
+        rail_m = float(np.abs(arm.joint_ranges_rad[0]).max()) if arm.prismatic[0] else 0.0
+        all_kg = MASSES.kg_at_1_m * (arm.reach_m - rail_m) ** MASSES.length_power
+    else:
+        all_kg = total_kg
+    mass_kg = all_kg * size_m / size_m.sum()
     known = WeightsKnown(
         "assumed" if total_kg is None else "total",
         np.full(arm.n, MASSES.u_mass if total_kg is None else MASSES.u_mass_of_total),
