@@ -108,6 +108,8 @@ class Frames:
     # how far from the target an error of orientation counts as the error of position it makes there
     # [m] (size)
     lever_m: float = 0.5
+    # and of small arms no further than so many times as far as they reach in the poses (size)
+    most_reaches: float = 1.8
     # a set thinner than this part of its length counts as lying on one line (computing)
     in_line: float = 1e-6
     scale_rows: int = 8  # rows below which the scale of a unit is not judged (statistics)

@@ -90,11 +90,14 @@ def of_another_size(folder, size, times=1.0):
     (folder / "resized.yaml").write_text(yaml.safe_dump(arm))
     describe(folder, "robot", "resized")
     describe(folder, "instrument.uncertainty_mm", lambda stated_mm: size * stated_mm)
-    describe(
-        folder,
-        "tool.balls_mm",
-        lambda balls_mm: {name: [size * part for part in at] for name, at in balls_mm.items()},
-    )
+    describe(folder, "tool.mass_kg", lambda mass_kg: size**3 * mass_kg)
+    describe(folder, "tool.com_mm", lambda com_mm: [size * part for part in com_mm])
+    if "balls_mm" in (folder / "campaign.yaml").read_text():
+        describe(
+            folder,
+            "tool.balls_mm",
+            lambda balls_mm: {name: [size * part for part in at] for name, at in balls_mm.items()},
+        )
     header = (folder / "poses.csv").read_text(encoding="utf-8").splitlines()[0].split(",")
     places = [name for name in header if name.endswith(("x_mm", "y_mm", "z_mm"))]
     mend(
@@ -113,6 +116,17 @@ def test_a_factor_of_all_readings_is_told_of_arms_of_any_size(tmp_path, size):
     of_another_size(folder, size, 1.08)
     (scale,) = findings(folder)
     assert "divide the positions by 1.0" in scale.remedy
+
+
+@pytest.mark.parametrize("size", [0.02, 12.0])
+def test_the_zero_of_a_joint_has_its_remedy_in_arms_of_any_size(tmp_path, size):
+    folder = simulated(tmp_path / "c", "ur10", "pose", poses=40)
+    of_another_size(folder, size)
+    mend(folder, "poses.csv", lambda table: table.put(["q3_deg"], 3.0 + table.numbers(["q3_deg"])))
+    (zero,) = findings(folder)
+    assert (zero.kind, zero.joint) == ("joint_zero", 3)
+    assert "set joint_offsets_deg: [0, 0, -3.0" in zero.remedy
+    assert zero.would_leave_mm < 10.0 * size
 
 
 @pytest.mark.slow

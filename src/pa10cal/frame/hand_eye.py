@@ -77,6 +77,7 @@ class Located:
     p_ee_targets_m: Array | None = None
     # (4, 4) `T_ee_target` of each campaign of a group, by its name
     T_ee_target_of: Mapping[str, Array] = field(default_factory=dict)
+    lever_m: float = FRAMES.lever_m  # at which orientations count as positions
     # directions of the targets that the poses do not identify, held as stated
     held: tuple[str, ...] | None = None
     # whether the places of the targets are stated; None where it does not matter
@@ -84,8 +85,8 @@ class Located:
 
     @property
     def misfit_m(self) -> float:
-        """Return the rms misfit, orientations by the lengths that they make at `FRAMES.lever_m`."""
-        return float(np.hypot(self.scatter_m, FRAMES.lever_m * (self.scatter_rad or 0.0)))
+        """Return the rms misfit, orientations by the lengths that they make at `lever_m`."""
+        return float(np.hypot(self.scatter_m, self.lever_m * (self.scatter_rad or 0.0)))
 
     @property
     def T_ee_targets(self) -> Array:
@@ -236,7 +237,7 @@ def _linearise(problem: TargetProblem, guess: Guess) -> Linearised:
         by_target = (unit[:, None] @ problem.by_places)[:, 0]
         by_step = problem.root_weight[:, None] * np.hstack([unit, by_target])
     if orientations:
-        root = FRAMES.lever_m * np.sqrt(problem.weights)
+        root = problem.lever_m * np.sqrt(problem.weights)
         of_turns = by_step[3 * rows :].reshape(orientations, 3, -1)
         of_turns[:, :, 3:6] = root[:, None, None] * np.eye(3)
         of_turns[:, :, -3:] = root[:, None, None] * problem.R_base
@@ -441,6 +442,7 @@ def _best(
         scatter_rad=_rms(residuals_rad, problem.weights) if orientations else None,
         T_ee_target=homogeneous(guess.R_ee_target, guess.p_ee_m[0]) if orientations else None,
         p_ee_targets_m=None if orientations else guess.p_ee_m,
+        lever_m=problem.lever_m,
         held=tuple(_direction_text(direction, names) for direction in split.unidentified.T),
     )
 

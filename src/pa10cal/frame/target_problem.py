@@ -85,6 +85,11 @@ class TargetProblem:
         return cls(p_m, R, p_instr_m, R_instr_target, weights, p_ee_stated_m, d_m)
 
     @property
+    def lever_m(self) -> float:
+        """Return how far from the target an error of orientation counts as one of position."""
+        return min(FRAMES.lever_m, FRAMES.most_reaches * _extent_m(self.p_base_m))
+
+    @property
     def base_unknowns(self) -> int:
         """Return the number of unknowns of the base: distances do not depend on its rotation."""
         return 6 if self.d_m is None else 3
@@ -288,7 +293,7 @@ def target_misfit_bound_m(
         for axis, column in np.ndindex(3, 3):
             turns[:, axis, column, axis:9:3] = R_instr_target[:, :, column]
             turns[:, axis, column, unknowns + column :: 3] = -R_base[:, axis]
-        turns *= FRAMES.lever_m / np.sqrt(2.0)
+        turns *= problem.lever_m / np.sqrt(2.0)
         design = np.vstack([np.pad(design, ((0, 0), (0, 9))), turns.reshape(-1, unknowns + 9)])
         values = np.concatenate([values, np.zeros(9 * len(p_base_m))])
     return float(np.sqrt(_residual_squares(design, values) / rows))
@@ -340,7 +345,7 @@ def scale_of_points(p_m: Array, T_base_ee: Array) -> float | None:
     of_S = np.kron((p_m - p_m.mean(axis=0))[:, None, :], np.eye(3)).reshape(-1, 9)
     others = np.concatenate([np.tile(np.eye(3), (len(p_m), 1, 1)), T_base_ee[:, :3, :3]], axis=2)
     partial = _partial_regression(T_base_ee[:, :3, 3].ravel(), of_S, others.reshape(-1, 6))
-    if partial is None or partial.rms < FRAMES.least_motion_share * _extent_m(T_base_ee):
+    if partial is None or partial.rms < FRAMES.least_motion_share * _extent_m(T_base_ee[:, :3, 3]):
         return None
     # The second singular value: of positions in one plane the third one is zero.
     return float(np.linalg.svd(partial.coefficients.reshape(3, 3), compute_uv=False)[1])
@@ -359,15 +364,15 @@ def scale_of_distances(d_m: Array, T_base_ee: Array) -> float | None:
     if len(d_m) >= FRAMES.rows_for_target:
         others += [np.einsum("pji,pj->pi", R, x), R.reshape(-1, 9)]
     partial = _partial_regression((x**2).sum(axis=1), d_m[:, None] ** 2, np.hstack(others))
-    if partial is None or partial.rms < (FRAMES.least_motion_share * _extent_m(T_base_ee)) ** 2:
+    if partial is None or partial.rms < (FRAMES.least_motion_share * _extent_m(x)) ** 2:
         return None
     square = partial.coefficients[0]
     return None if square <= 0.0 else float(np.sqrt(square))
 
 
-def _extent_m(T_base_ee: Array) -> float:
-    """Return how far the arm reaches in poses (N, 4, 4), root mean square."""
-    return float(np.sqrt(np.mean(np.sum(T_base_ee[:, :3, 3] ** 2, axis=1))))
+def _extent_m(p_base_m: Array) -> float:
+    """Return how far an arm reaches at places (N, 3), root mean square."""
+    return float(np.sqrt(np.mean(np.sum(p_base_m**2, axis=1))))
 
 
 class _Partial(NamedTuple):
