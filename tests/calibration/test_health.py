@@ -15,6 +15,8 @@ from pa10cal.calibration.health import RIGID
 from pa10cal.calibration.health import health as health_of
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.problem import Solution, identify, not_identifiable
+from pa10cal.observe.paths import HeldOutPlaces
+from pa10cal.observe.quantities import Deviations
 from pa10cal.results.calibration import InputFinding, RepeatScatter
 from pa10cal.results.evaluation import Accuracy
 from pa10cal.terms.term import TermParameter
@@ -47,6 +49,24 @@ def ended(poses=40, unknowns=6, told=None, named="delta_a", at_bound=None, steps
         not_identifiable(found, parameters),
     )  # fmt: skip
     return replace(made, **changes)
+
+
+@pytest.mark.parametrize(
+    ("unseen", "trusted", "counted", "suspected"),
+    [
+        (None, [1, 1, 0, 1], 3, 1),
+        ([1, 1, 0, 0], [1, 0, 0, 1], 1, 1),  # the one between that is suspected was never in it
+        ([1, 1, 0, 0], [0, 0, 1, 1], 2, 0),  # where no unseen one is trusted all of them count
+    ],
+)
+def test_held_out_poses_that_are_left_out_are_those_of_the_error(
+    unseen, trusted, counted, suspected
+):
+    unseen, trusted = (each if each is None else np.array(each, bool) for each in (unseen, trusted))
+    places = HeldOutPlaces() if unseen is None else HeldOutPlaces(unseen, ~unseen)
+    errors, once = Deviations(np.ones(4), np.ones((4, 3)), None), np.ones(4, dtype=int)
+    found = HeldOut.of(errors, places, trusted, once, once)
+    assert (found.accuracy.configurations, found.suspected) == (counted, suspected)
 
 
 def accuracy(mean_mm, peak_mm, rms_mm, configurations):

@@ -18,6 +18,7 @@ from pa10cal import calibrate
 from pa10cal.arm.chain import Chain
 from pa10cal.calibration.joint_slips import joint_zeros
 from pa10cal.calibration.log_changes import LogChange
+from pa10cal.calibration.rules import CHECKS
 from pa10cal.campaign.read import read_campaign
 from pa10cal.discovery.log_faults import faults_of_input
 from pa10cal.files.arms import arm_text, parse_arm
@@ -129,6 +130,7 @@ def zero_found(joint):
         arm=arm,
         grid=SimpleNamespace(states=SimpleNamespace(q_rad=q_rad)),
         payload=None,
+        not_departures_m=CHECKS.not_departures_m,
         calibration=lambda _: off,
         nominal_misfit_m=lambda q: 1e-3 if q.any() else 0.05,
         may_be_offered=lambda *_: True,

@@ -116,3 +116,10 @@ def test_signs_may_be_set_in_the_description_where_nothing_else_is_wrong():
     assert "in the arm's description" in log_of("plain", reversal(2))[0].remedy
     changes = reversal(2), coupling(3, 1, 1.0)
     assert "reverse the axis" not in log_of("plain", *changes)[0].remedy
+
+
+def test_signs_of_some_joints_are_told_as_those():
+    arm = log_of("plain")[0].checked.arm
+    assert reversal(2).text(arm) == "the sign of joint 2 is reversed"
+    assert reversal(2, 5).text(arm) == "the signs of joints 2, 5 are reversed"
+    assert reversal(1, 2, 3, 4, 5, 6).text(arm) == "the signs of all joints are reversed"

@@ -25,7 +25,7 @@ from pa10cal.discovery.next_poses import (
 )
 from pa10cal.discovery.preparation import setup_of
 from pa10cal.discovery.rules import EVIDENCE, PROBABILITIES
-from pa10cal.discovery.separation import predicted, separation_criteria, without_repeats
+from pa10cal.discovery.separation import as_repeated, predicted, separation_criteria
 from pa10cal.discovery.tuning import NEXT_POSES
 from pa10cal.errors import DiscoveryError
 from pa10cal.files.arms import load_arm
@@ -306,7 +306,7 @@ def test_some_of_very_many_poses_stand_for_all(eccentric, monkeypatch):
         monkeypatch.setattr(
             "pa10cal.discovery.separation.NEXT_POSES", replace(NEXT_POSES, most_measured=most)
         )
-        problem, found = without_repeats(scorer.survey, scorer.extended, scorer.noise)
+        problem, found = as_repeated(scorer.survey, scorer.extended, scorer.noise)
         pair = (finding.effect, rival)
         ahead = predicted(problem, found, states)
         values.append(separation_criteria(problem, found, [pair], ahead)[0].values.max())

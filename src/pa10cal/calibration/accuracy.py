@@ -140,9 +140,11 @@ def noisy_campaign(poses: Observations, error_mm: Array, covariance: Array) -> N
             _mean_squares(poses.take(rows), error_mm[rows], covariance[rows])
             for rows in (own, ~own)
         )
-        more = (error - noise) - max(others - others_noise, 0.0)
+        # what it would be if it exceeded its noise by as much as the others do theirs
+        expected = noise + max(others - others_noise, 0.0)
+        more = error - expected
         surely = more > GRADES.chance_errors * np.hypot(u, u_others)
-        if surely and error > GRADES.over_noise**2 * (error - more):
+        if surely and error > GRADES.over_noise**2 * expected:
             roots = np.sqrt([error, noise, others, others_noise]).tolist()
             excess[name] = more, NoisyCampaign(name, *roots)
     return max(excess.values(), key=lambda found: found[0])[1] if excess else None
@@ -169,7 +171,7 @@ class HeldOut:
     accuracy: Accuracy  # the errors; of poses along a path, those on stretches that were not fitted
     u_mm: float | None = None  # rms standard uncertainty of the predictions; None where not known
     repeats: float = 1.0  # readings averaged per held-out pose, over those per fitted pose
-    suspected: int = 0  # held-out poses that do not count, as a reading is a suspected outlier
+    suspected: int = 0  # poses that `accuracy` is without, as a reading is a suspected outlier
     where: str = ""  # where the poses lie, in words; empty where they are well separated
     # errors of poses between fitted ones; None where `accuracy` is of all poses
     between: Accuracy | None = None
@@ -185,6 +187,7 @@ class HeldOut:
             fitted, away: readings averaged for each pose fitted, and for each held out (P,).
         """
         rows, between_fitted = places.counted(trusted), places.between
+        of_these = np.ones_like(trusted) if places.unseen is None else places.unseen
         where = ""
         between: Accuracy | None = None
         if places.unseen is not None:
@@ -196,7 +199,7 @@ class HeldOut:
         return cls(
             accuracy=summarise(found, rows),
             repeats=float(np.mean(1.0 / fitted) / np.mean(1.0 / away[rows])),
-            suspected=int((~trusted).sum()),
+            suspected=int(np.count_nonzero(of_these & ~rows)),
             where=where,
             between=between,
         )
@@ -215,8 +218,10 @@ def held_out_errors(
     Poses with a suspected outlier do not count, unless all have one.
 
     Args:
-        fitted, held_out: averaged poses, P of them held out.
-        position: (P, c, k) derivative of the predicted positions of those held out [m].
+        every: all readings; those of `held_out` are all its readings that are held out.
+        fitted, held_out: averaged poses, P of them held out, in the order of their readings.
+        position: (P, c, k) derivative of the predicted positions of those held out [m], of one
+            target each (`of_one_target`).
         cov: (k, k) of the parameters.
     """
     # The evaluation finds suspected outliers by the same rule.

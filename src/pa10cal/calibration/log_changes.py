@@ -36,7 +36,7 @@ class LogChange:
     # axes of another sign; columns in which axes stand, the lowest axis first, of another order; or
     # an axis, and that with which it moves
     axes: tuple[int, ...]
-    factor: float = 0.0  # part of the second axis that is added to the first [rad, m]
+    factor: float = 0.0  # motion of the first for one of the second [rad/rad, m/rad or rad/m]
 
     def apply(self, positions: Array) -> Array:
         """Return positions of axes (P, m) with the change made."""
@@ -53,7 +53,11 @@ class LogChange:
         """Return what seems wrong."""
         first, *others = joints = self.joints(arm)
         if self.kind == "joint_sign":
-            which = "signs of all joints are" if others else f"sign of joint {first} is"
+            which = f"sign of joint {first} is"
+            if others:
+                every = len(joints) == len(arm.coupling.own)
+                of = "all joints" if every else f"joints {', '.join(map(str, joints))}"
+                which = f"signs of {of} are"
             return f"the {which} reversed"
         if self.kind == "joint_order":
             if len(joints) == 2:
@@ -143,6 +147,7 @@ class ChangedLog:
             remedies.append(set_offsets(offsets_deg))
         if self.coupled != checked.arm.coupled:
             remedies.append(set_coupling(self.coupled, checked.arm))
+        # An axis that runs the other way may be described so, unless anything else is wrong.
         only_signs = changes and changes == self.changes and not reordered.any()
         also = ", or reverse the axis in the arm's description" if only_signs else ""
         return " and ".join(remedies) + also
@@ -151,7 +156,9 @@ class ChangedLog:
     def can_be_stated(self) -> bool:
         """Return whether campaign.yaml can say the changes: each joint turns once with its axis.
 
-        Of two axes that each move the other one does not, after one change upon the other.
+        It states the parts that other axes have in a joint's position, and no part of its own axis.
+        Couplings made one after the other may change that one: if joint 6 moves with joint 5, and
+        then joint 5 with joint 6, part of the motion of an axis comes back to its own joint.
         """
         own = self.checked.arm.coupling.own
         return bool(np.allclose(np.diagonal(self._by_axes[own]), 1.0))
@@ -160,11 +167,12 @@ class ChangedLog:
     def _by_axes(self) -> Array:
         """Return how joints follow from the axes (n, m), once signs and order of these are right.
 
-        They follow the axes c of the log by q = C M c, where M makes all changes. Without S, that
-        of signs and order alone, what remains of M is the coupling.
+        Joints follow the axes c of the log by q = C M c, where M makes all changes and C is the
+        coupling as stated. With S the changes of signs and order alone, C M S^-1 is the coupling
+        of axes s = S c that have these right.
         """
         coupling = self.checked.arm.coupling
-        axes = np.eye(len(coupling.own))
+        axes = np.eye(len(coupling.own))  # one axis moved in each row: the results are M' and S'
         signs_and_order = _with_changes(axes, self._signs_and_order).T
         all_changes = _with_changes(axes, self.changes).T
         return np.asarray(coupling.matrix @ all_changes @ np.linalg.inv(signs_and_order))

@@ -159,7 +159,7 @@ def _axes_of_end(at: FittedModel, poses: Observations) -> Array:
     return poses.measured.axes_of_end(T_instr_ee)
 
 
-def without_repeats(
+def as_repeated(
     survey: Survey, found: ModelWithEffects, noise: Noise
 ) -> tuple[EvidenceProblem, EvidenceFit]:
     """Return a campaign without repeats as the problem of one with repeats, and a fit to it.

@@ -46,7 +46,7 @@ from pa10cal.discovery.preparation import Prepared, complete
 from pa10cal.discovery.refitted_verdict import with_findings
 from pa10cal.discovery.residual_candidates import stroke_waves
 from pa10cal.discovery.rules import BLOCKS, NAMES, PROBABILITIES
-from pa10cal.discovery.separation import without_repeats
+from pa10cal.discovery.separation import as_repeated
 from pa10cal.discovery.short_forms import FormComparison
 from pa10cal.discovery.target_wander import in_words
 from pa10cal.discovery.together import Together
@@ -237,7 +237,7 @@ class ByBlocks(Scorer):
             others = [other for _, other in rivals if other is not None]
             survey = replace(self.survey, baseline=self.survey.baseline.bending_as(others))
             extended = replace(self.extended, at=self.extended.at.bending_as(others))
-            problem, fit = without_repeats(survey, extended, self.noise)
+            problem, fit = as_repeated(survey, extended, self.noise)
             try:
                 plan = separating_poses(
                     problem, fit, rivals, count, random_seed, PROBABILITIES.blocks

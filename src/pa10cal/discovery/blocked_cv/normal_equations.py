@@ -3,6 +3,10 @@
 The search needs the products of the columns with each other and with the data, and no row. Maps of
 joint errors are kept as the derivative by the joint's angle and four B-splines of that angle: each
 pose touches four of a map's many columns, so that these columns are sparse.
+
+Columns here are in the units of their unknowns, and the prior is added when a system is solved: of
+a `Gaussian` of these only products count. Its own mean and evidence suppose unknowns in units of
+their prior (`numerics/gaussian.py`), as `Gaussian.in_sizes` makes them.
 """
 
 from __future__ import annotations
@@ -84,7 +88,7 @@ def in_map_bases(equations: Gaussian, dense_count: int, bases: Sequence[Array]) 
     new_stops = dense_count + np.cumsum([0, *(basis.shape[1] for basis in bases)])
     maps = list(zip(bases, pairwise(old_stops), pairwise(new_stops), strict=True))
     found = Gaussian(np.empty((new_stops[-1] + 1, new_stops[-1] + 1)), equations.log_det)
-    gram, projection = found.gram, found.projection
+    gram, projection = found.gram, found.projection  # views of its products, filled below
     gram[:dense_count, :dense_count] = equations.gram[:dense_count, :dense_count]
     projection[:dense_count] = equations.projection[:dense_count]
     for k, (basis, (old, old_end), (new, new_end)) in enumerate(maps):
