@@ -196,11 +196,12 @@ def doubt(components, left):
     poses = SimpleNamespace(measured=measured)
     found = SimpleNamespace(
         train=PairedErrors(poses, None, None, float(lengths_mm.mean())),
+        unexplained=(),
         prepared=SimpleNamespace(readings=poses),
         scorer=SimpleNamespace(extended=SimpleNamespace(effects=())),
     )
     cause = UnknownCause(5.0 * rms_mm, left * rms_mm, **KNOWN)
-    known = replace(finding(), proof=SimpleNamespace(unknown_cause=cause))
+    known = replace(finding(), proof=SimpleNamespace(unknown_cause=cause, weights=None))
     return probabilities.with_unknown_cause(found, known).unknown_probability
 
 
@@ -349,7 +350,7 @@ def test_what_gives_way_beside_something_that_would_stiffen_is_less_sure(effect,
     found = SimpleNamespace(
         findings=(),
         unexplained=(SimpleNamespace(form=form, below_zero=below_zero),),
-        noise_floor_mm=0.03,
+        train=SimpleNamespace(noise_rms_mm=0.03),
         prepared=SimpleNamespace(
             readings=SimpleNamespace(measured=SimpleNamespace(from_touches=False))
         ),
