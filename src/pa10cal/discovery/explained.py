@@ -14,10 +14,10 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import stdtrit
 
 from pa10cal.arrays import Array, rms
 from pa10cal.discovery.finding import Finding, name_of
+from pa10cal.discovery.gap import half_width_of_mean, means_by_label
 from pa10cal.discovery.proof import ComplianceProof
 from pa10cal.discovery.rules import JUDGING
 from pa10cal.discovery.tuning import FIELD
@@ -75,16 +75,13 @@ def interval_of_share(
     By the delta method: the share is a ratio of means of squares, paired over poses. None where
     all are of one label.
     """
-    _, group = np.unique(pose, return_inverse=True)
     before, after = (
-        np.bincount(group, errors_mm**2 - noise_mm**2) / np.bincount(group)
-        for errors_mm in (before_mm, after_mm)
+        means_by_label(errors_mm**2 - noise_mm**2, pose) for errors_mm in (before_mm, after_mm)
     )
     if len(before) < 2:
         return None
     left = float(after.mean() / before.mean())
-    std = float(np.std(after - left * before, ddof=1) / before.mean()) / np.sqrt(len(before))
-    half = float(stdtrit(len(before) - 1, 0.5 + JUDGING.gap_level / 2.0)) * std
+    half = half_width_of_mean(after - left * before) / float(before.mean())
     low, high = np.clip([1.0 - left - half, 1.0 - left + half], 0.0, 1.0).tolist()
     return low, high
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import gammaln, stdtrit
 
 from pa10cal.arrays import Array, Mask, take_rows
@@ -73,14 +74,9 @@ class PairedErrors:
         Of one label the interval is the mean itself.
         """
         saved_mm = self.found_before.distance_mm - self.found_after.distance_mm
-        _, group = np.unique(self.poses.pose[rows], return_inverse=True)
-        by_pose = np.bincount(group, saved_mm[rows]) / np.bincount(group)
-        count, mean = len(by_pose), float(by_pose.mean())
-        half = 0.0
-        if count > 1:
-            spread = float(by_pose.std(ddof=1)) / np.sqrt(count)
-            half = float(stdtrit(count - 1, 0.5 + JUDGING.gap_level / 2.0)) * spread
-        return Reduction(mean_mm=mean, interval95_mm=(mean - half, mean + half), poses=count)
+        by_pose = means_by_label(saved_mm[rows], self.poses.pose[rows])
+        mean, half = float(by_pose.mean()), half_width_of_mean(by_pose)
+        return Reduction(mean_mm=mean, interval95_mm=(mean - half, mean + half), poses=len(by_pose))
 
     def accuracies(self, rows: Mask | None) -> BeforeAfter | None:
         """Return the errors at some poses (P,); None where there are none."""
@@ -155,6 +151,20 @@ class PairedErrors:
         # The root mean square of a chi distribution of d degrees of freedom, over its mean.
         of_mean = np.sqrt(d / 2.0) * np.exp(gammaln(d / 2.0) - gammaln((d + 1.0) / 2.0))
         return float(of_mean * self.noise_floor_mm)
+
+
+def means_by_label(values: Array, pose: NDArray[np.str_]) -> Array:
+    """Return the mean (n,) of values (P,) of each label, as of one pose under several loads."""
+    _, group = np.unique(pose, return_inverse=True)
+    return np.asarray(np.bincount(group, values) / np.bincount(group))
+
+
+def half_width_of_mean(values: Array) -> float:
+    """Return half the interval of the mean of independent values (n,); 0 of one alone."""
+    if len(values) < 2:
+        return 0.0
+    spread = float(values.std(ddof=1) / np.sqrt(len(values)))
+    return float(stdtrit(len(values) - 1, 0.5 + JUDGING.gap_level / 2.0)) * spread
 
 
 def gap(
