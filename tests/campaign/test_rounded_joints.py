@@ -150,6 +150,26 @@ def test_an_axis_on_a_grid_does_not_hide_the_rounding_of_others(
     assert not ingest(raw).observations.log.q_u_stated.any()
 
 
+@pytest.mark.slow_but_one_in(2)
+@pytest.mark.parametrize(("in_counts", "exact"), [([1], True), ([0, 1, 2], False)])
+def test_errors_of_axes_in_counts_are_none_of_the_others(tmp_path, in_counts, exact):
+    """They are larger, and of a known size: they must not feign what is sought, nor hide it."""
+    raw, arm = sighted(tmp_path, "points", poses=60), load_arm("ur10")
+    step_deg = np.full(6, 0.01 if exact else 0.1)
+    step_deg[in_counts] = 360.0 / 4096
+    true_deg = np.degrees(raw.q)
+    logged_deg = step_deg * np.round(true_deg / step_deg)
+    others = np.delete(np.arange(6), in_counts)
+    if exact:
+        true_deg[:, others] = logged_deg[:, others]
+    _with_positions(raw, arm, logged_deg, np.radians(true_deg))
+    u_rad = np.radians(step_deg) / np.sqrt(12.0)
+    if exact:
+        u_rad[others] = 0.0
+    found = ingest(raw).observations.log.q_u_stated
+    np.testing.assert_allclose(found, np.tile(u_rad, (60, 1)))
+
+
 def test_errors_of_joints_far_above_a_rounding_are_told(tmp_path):
     raw, arm = sighted(tmp_path, "points", poses=60), load_arm("ur10")
     logged_deg = np.round(np.degrees(raw.q), 2)

@@ -328,7 +328,8 @@ def with_rounding(
     if log is None or not _u_of_axes(steps, arm).any():
         return none
     try:
-        remainder = _remainder(readings.take(once_each(readings)), Chain.of(arm), payload)
+        once = once_each(readings)
+        remainder = _remainder(readings.take(once), log.q_u_stated[once], Chain.of(arm), payload)
         if remainder is None:
             return none
         times, shown = _steps_shown(remainder, steps, arm)
@@ -464,6 +465,7 @@ class _Remainder(NamedTuple):
     # of the fit left free
     residual: Array
     covariance: Array  # (P, b, b) as stated
+    of_known: Array  # (P, b, b) covariance by errors of joints whose size is known already
     of_kinds: Array  # (c, b) which components are of each kind
     seen: Mask  # (P, b) which components were seen
     by_axes: Array  # (P, b, m) derivative by errors of the axes
@@ -487,7 +489,7 @@ class _Remainder(NamedTuple):
         def cost(x: Array) -> tuple[float, Array]:
             size = np.einsum("k,kpb->pb", np.exp(x[:kinds]), of_kinds) + ~self.seen
             noise = self.covariance * size[:, :, None] * size[:, None]
-            covariance = noise + (x[kinds:] ** 2 @ of_axes).reshape(noise.shape)
+            covariance = noise + self.of_known + (x[kinds:] ** 2 @ of_axes).reshape(noise.shape)
             _, log_det = np.linalg.slogdet(covariance)
             inverse = np.linalg.inv(covariance)
             solved = (inverse @ self.residual[:, :, None])[..., 0]
@@ -511,15 +513,24 @@ class _Remainder(NamedTuple):
         return np.isin(np.arange(len(errors)), largest)
 
 
-def _remainder(readings: Observations, chain: Chain, payload: Payload | None) -> _Remainder | None:
+def _remainder(
+    readings: Observations, q_u: Array, chain: Chain, payload: Payload | None
+) -> _Remainder | None:
     """Return what a fitted arm leaves; None where too few readings are left, or a log is wrong.
+
+    Args:
+        readings: P readings.
+        q_u: (P, n) standard uncertainties of joints that are known already, 0 elsewhere [rad, m].
+        chain: nominal arm.
+        payload: what the arm carries; None where that is not known.
 
     Raises:
         CalibrationError: when the poses do not determine where base and targets are.
     """
     fit, start = ArmFit.begun(readings, chain, payload)
-    _, left = fit.fitted(start)
-    measured = fit.measured
+    measured, by_known = fit.measured, fit.compare(start).by_joints * q_u[:, None]
+    of_known = by_known @ by_known.swapaxes(1, 2)
+    _, left = fit.weighted_by(measured.stated_covariance + of_known).fitted(start)
     parameter_count = left.taken.shape[2]
     free_share = 1.0 - parameter_count / np.count_nonzero(measured.components_seen)
     if free_share <= 0.0 or left.is_of_a_wrong_log:
@@ -530,6 +541,7 @@ def _remainder(readings: Observations, chain: Chain, payload: Payload | None) ->
     return _Remainder(
         left.residual[left.usual] / np.sqrt(free_share),
         measured.stated_covariance[left.usual],
+        of_known[left.usual],
         of_kinds,
         measured.components_seen[left.usual],
         chain.arm.coupling.by_axes(left.by_joints[left.usual]),
