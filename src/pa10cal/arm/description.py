@@ -146,6 +146,8 @@ class Arm:
     T_row_n_ee: Array = field(default_factory=lambda: np.eye(4))
     # how well masses and centres are known; None: as makers state them
     weights_known: WeightsKnown | None = None
+    # whether joints of the arm carry its base, so that gravity turns with it: no weights are known
+    base_moves: bool = False
     # joints that move with the axis of another; empty where every joint is an axis
     coupled: tuple[CoupledJoint, ...] = ()
     # notes for the user: rows that were replaced, or the origin of an arm known by name

@@ -49,7 +49,8 @@ def arm_from_urdf_text(
 ) -> ImportedArm:
     """Build an arm from the serial path between two links of a URDF.
 
-    Joints off the path are held at zero; their links count to the link that carries them.
+    Joints off the path are held at zero; their links count to the link that carries them. Where
+    joints of the path carry the base, gravity turns with it: the arm then has no masses.
 
     Args:
         base: link that is the arm's base; the root where None.
@@ -59,7 +60,7 @@ def arm_from_urdf_text(
     Raises:
         ArmError: when the URDF cannot be used, or forward kinematics would differ by over 1e-9.
     """
-    tree = read_tree(text, where)
+    tree = read_tree(text, where).seen_from(base, tip)
     path = tree.path(base, tip)
     joints, leaders = [joint for joint in path.joints if joint.kind in MOVING], path.leaders
     model = _PinocchioArm(tree, joints, path.base, path.tip, leaders)
@@ -73,7 +74,8 @@ def arm_from_urdf_text(
         )
         for name, leader in leaders.items()
     )
-    mass_kg, com_m = model.masses(T_base_joints, rows)
+    against = [name for name in names if name in tree.turned]
+    mass_kg, com_m = (None, None) if against else model.masses(T_base_joints, rows)
     arm = Arm(
         name=name,
         title=name,
@@ -83,6 +85,7 @@ def arm_from_urdf_text(
         torque_limit_Nm=np.array([joint.effort for joint in joints]),
         mass_kg=mass_kg,
         com_m=com_m,
+        base_moves=bool(against),
         coupled=coupled,
         **rows.arm_fields,
     )
@@ -102,6 +105,11 @@ def arm_from_urdf_text(
             value=f"{off_m:.1e} m, {off_rad:.1e} rad",
             allowed=f"{_TOLERANCE:g} m and rad",
             remedy="report it with the file; describe the arm by hand meanwhile",
+        )
+    if against:
+        notes.append(
+            f"joints that carry {path.base}, and lead from it here: {', '.join(against)}; gravity "
+            "turns with it, so masses are left out, and gravity_m_s2 is to be [0, 0, 0]"
         )
     notes += [*_omitted(tree, path.joints, arm), *_one_motor(arm, names, leaders)]
     return ImportedArm(arm, path.base, path.tip, tuple(names), off_m, off_rad, tuple(notes))
@@ -249,9 +257,9 @@ def _omitted(tree: UrdfTree, path: tuple[UrdfJoint, ...], arm: Arm) -> list[str]
     held = [joint.name for joint in tree.joints if joint.kind != "fixed" and joint not in path]
     if held:
         notes.append(f"off the path, and held at zero: {', '.join(held)}")
-    if arm.mass_kg is None:
+    if arm.mass_kg is None and not arm.base_moves:
         notes.append("no link has a mass: weights are assumed from the lengths of the links")
-    elif not arm.mass_kg.all():
+    elif arm.mass_kg is not None and not arm.mass_kg.all():
         massless = [str(row) for row in np.flatnonzero(arm.mass_kg == 0.0) + 1]
         notes.append(f"no mass of links {', '.join(massless)}")
     unrated = [str(row) for row in np.flatnonzero(np.isnan(arm.torque_limit_Nm)) + 1]

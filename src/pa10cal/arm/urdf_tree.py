@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import takewhile
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from pa10cal.arm.chain import placed
+from pa10cal.arm.chain import placed, roll_pitch_yaw
 from pa10cal.arm.description import LONGEST_M, MOST_ROWS
 from pa10cal.arrays import Array, homogeneous
 from pa10cal.errors import ArmError, remedy_for
@@ -141,6 +141,10 @@ def _refuse_unusable(joint: UrdfJoint, path: Sequence[UrdfJoint], where: str) ->
         )
 
 
+def _is_fixed(joint: UrdfJoint) -> bool:
+    return joint.kind == "fixed"
+
+
 @dataclass(frozen=True)
 class UrdfTree:
     """Links and joints of one robot."""
@@ -149,6 +153,43 @@ class UrdfTree:
     links: tuple[UrdfLink, ...]
     joints: tuple[UrdfJoint, ...]  # all joints, each below another or below the root
     root: str  # the link that no joint carries
+    turned: frozenset[str] = frozenset()  # joints that carried the root before `seen_from`
+
+    def seen_from(self, base: str | None, tip: str | None) -> UrdfTree:
+        """Return the same robot with the base as its root, where the tip is not beyond the base.
+
+        So a camera on the head sees a hand, and a sensor on the flange what stands in the cell. A
+        joint that carried the base then carries the link that it stood on, by way of a further link
+        at its origin: it turns by the same angle about the opposite axis.
+
+        Args:
+            base, tip: links; a name that is none, or not given, changes nothing.
+        """
+        known = {link.name for link in self.links}
+        if base not in known or tip not in known or tip == base:
+            return self
+        carriers = self.above(base)
+        body = [base, *(j.parent for j in takewhile(_is_fixed, reversed(carriers)))]
+        if {tip, *(joint.parent for joint in self.above(tip))} & set(body):
+            return self
+        turned, beside = [], []
+        for joint in carriers:
+            T = np.linalg.inv(joint.origin_at(0.0))
+            back = replace(joint, parent=joint.child, child=joint.parent)
+            if not _is_fixed(joint):
+                seat = f"{joint.parent} of {joint.name}"
+                against = tuple(-along for along in joint.axis)
+                turned.append(
+                    replace(back, child=seat, xyz=(0.0,) * 3, rpy=(0.0,) * 3, axis=against)
+                )
+                beside.append(UrdfLink(seat, 0.0, (0.0,) * 3))
+                back = replace(back, name=seat, kind="fixed", parent=seat, follows="")
+            rpy = roll_pitch_yaw(np.asarray(T[:3, :3]))
+            turned.append(replace(back, xyz=tuple(T[:3, 3].tolist()), rpy=tuple(rpy.tolist())))
+        others = [joint for joint in self.joints if joint not in carriers]
+        names = frozenset(joint.name for joint in carriers if not _is_fixed(joint))
+        links = (*self.links, *beside)
+        return UrdfTree(self.where, links, (*turned, *others), base, names)
 
     def path(self, base: str | None, tip: str | None) -> SerialPath:
         """Return the path between two links.
@@ -163,7 +204,7 @@ class UrdfTree:
         base = self.root if base is None else self._known(base, "--base")
         # The base may be a side branch: it is one body with all links towards the root that only
         # fixed joints lie between.
-        fixed = takewhile(lambda joint: joint.kind == "fixed", reversed(self.above(base)))
+        fixed = takewhile(_is_fixed, reversed(self.above(base)))
         base_body = [base, *(joint.parent for joint in fixed)]
         base_body_top = base_body[-1]
         tip = self._only_tip(base_body_top) if tip is None else self._known(tip, "--tip")

@@ -104,10 +104,14 @@ class UrdfSource:
     tip: str
 
     @property
+    def tree(self) -> UrdfTree:
+        """Return the robot, with the arm's base as its root where joints of the arm carry it."""
+        return read_tree(self.text, self.where).seen_from(self.base, self.tip)
+
+    @property
     def joints(self) -> tuple[str, ...]:
         """Return the names of the arm's moving joints that mimic no other, in order."""
-        tree = read_tree(self.text, self.where)
-        path = tree.path(self.base, self.tip)
+        path = self.tree.path(self.base, self.tip)
         return tuple(
             joint.name
             for joint in path.joints

@@ -334,10 +334,19 @@ def nominal_arm(campaign: CampaignDescription, folder: Path, arms: Path | None =
     Raises:
         ArmError: when there is no arm of that name, its file cannot be used, or what is stated
             couples no joints of it.
+        RawDataError: when gravity is stated in a base that joints of the arm carry.
         SettingsError: when a key of its file is unknown, missing or of the wrong kind.
     """
     where = str(folder / DESCRIPTION_FILE)
     arm = load_arm(campaign.robot, folder, arms)
+    if arm.base_moves and any(campaign.gravity_m_s2):
+        raise RawDataError(
+            f"joints of {arm.name} carry its base, and gravity turns with it",
+            where=f"{where}: gravity_m_s2",
+            value=list(campaign.gravity_m_s2),
+            allowed="[0, 0, 0] for an arm with base_moves: true (docs/arms.md)",
+            remedy="set gravity_m_s2: [0, 0, 0]",
+        )
     computes = controller_of(campaign.controller, arm, folder, arms, where=f"{where}: controller")
     arm = replace(arm, controller=computes)
     if campaign.coupling is None:

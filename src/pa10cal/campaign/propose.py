@@ -309,8 +309,10 @@ def _proposal(
             "robot: name the arm, and run pa10cal columns again with --robot: units and the "
             "convention of orientations are then found from its kinematics"
         )
+    base_moves = arm is not None and arm.base_moves
     checks.append(
-        "provenance and gravity_m_s2: state them; instrument.uncertainty_mm is "
+        f"provenance{'' if base_moves else ' and gravity_m_s2'}: state "
+        f"{'it' if base_moves else 'them'}; instrument.uncertainty_mm is "
         + ("that of the file" if making.stated_mm is not None else f"{ASSUMED_MM} mm, assumed")
     )
     if making.stated_mm is None and "poses" in files and _stands(*files["poses"][1:]):
@@ -327,7 +329,7 @@ def _proposal(
         "robot": robot,
         "instrument": {"kind": kind, "uncertainty_mm": making.stated_mm or ASSUMED_MM},
         "tool": {"mass_kg": 0.0, "com_mm": [0.0, 0.0, 0.0], "load_point_mm": [0.0, 0.0, 0.0]},
-        "gravity_m_s2": [0.0, 0.0, -9.81],
+        "gravity_m_s2": [0.0, 0.0, 0.0 if base_moves else -9.81],
         "reference_temperature_C": making.temperature_C,
         "files": {key: file for key, (file, _, _) in files.items()},
         **({"joint_signs": list(signs)} if signs else {}),

@@ -247,7 +247,8 @@ def import_arm(
             name of a robot of robot_descriptions; or calibration.conf of a controller of Universal
             Robots (.conf), or what ur_calibration wrote of it (.yaml).
         out: description to write; its stem names the arm.
-        base: link that is the arm's base; without it, the root.
+        base: link that is the arm's base; without it, the root. Joints may carry it, as a camera on
+            the head, or the flange with the robot's base as tip.
         tip: link that is the end-effector; without it, the only tip. Without both, those of a known
             robot are found as docs/arms.md has it.
         xacro: arguments of a xacro file, each as NAME:=VALUE.

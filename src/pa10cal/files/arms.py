@@ -59,6 +59,7 @@ class _ArmFile(Section):
     urdf: _Urdf | None = None
     maker_calibration: _MakerCalibration | None = None
     coupling: tuple[StatedCoupling, ...] = ()
+    base_moves: bool = False
 
 
 def arm_names() -> list[str]:
@@ -312,6 +313,7 @@ def parse_arm(raw: Any, *, where: str) -> Arm:
         beta_rad=np.radians([row.beta_deg for row in rows]),
         T_base_row1=base.pose,
         T_row_n_ee=tool.pose,
+        base_moves=content.base_moves,
         coupled=coupled_joints(content.coupling, prismatic, where),
         remarks=() if laid_anew is None else (_laid_anew(content.name),),
     )
@@ -401,6 +403,8 @@ def arm_text(
             head[key] = dict(stated)
     lines = [f"# {one_line(line)}".rstrip() for line in comments]
     lines += [f"{key}: {_flow(value)}" for key, value in head.items()]
+    if arm.base_moves:
+        lines.append("base_moves: true")
     for key, T in (("base", arm.T_base_row1), ("tool", arm.T_row_n_ee)):
         if (np.eye(4) != T).any():
             numbers = {"xyz_m": T[:3, 3], "rpy_deg": np.degrees(roll_pitch_yaw(T[:3, :3]))}

@@ -237,10 +237,13 @@ def _about_best_rigid(fitted: Fitted, best: _BestRigid) -> str:
 def _urdf(
     part: RigidPart, source: UrdfSource | None, arm_name: str, comments: Sequence[str]
 ) -> str:
-    """Return rigid links as a URDF: the arm's own with calibrated origins, where it has one."""
+    """Return rigid links as a URDF: the arm's own with calibrated origins, where it has one.
+
+    A URDF whose joints lead to the arm's base and not from it cannot take its origins.
+    """
     from pa10cal.arm.urdf_writing import patched_urdf, urdf_text
 
-    if source is None:
+    if source is None or source.tree.turned:
         return urdf_text(part.chain, part.coordinates, arm_name, *comments, frames=part.frames)
     return patched_urdf(source, part.chain, part.coordinates, part.frames, *comments)
 
