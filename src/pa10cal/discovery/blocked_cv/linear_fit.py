@@ -27,6 +27,15 @@ from pa10cal.numerics.periodic_spline import b_splines_by_knots
 from pa10cal.terms.effects.joint_error_map import JointErrorMap, Spectrum, is_error_map
 
 
+class _Unknowns(NamedTuple):
+    """Where the c columns of a member stand, and its l linear parameters by their solution."""
+
+    columns: Index  # (c,)
+    # (l, c) parameters less those of its start: of a map the errors at all knots that its prior
+    # expects, by the coefficients of the B-splines touched
+    parameters: Array
+
+
 @dataclass(frozen=True, eq=False)
 class LinearFit:
     """Model and effects fitted by linear least squares about the survey's baseline."""
@@ -36,9 +45,7 @@ class LinearFit:
     # of one map after the other that some pose touches
     equations: Gaussian
     prior: Array  # (N, N) prior precision
-    columns: tuple[Index, ...]  # of each member
-    # (K, v) of each map: the coefficients of all its B-splines by those touched, as its prior says
-    by_touched: tuple[Array, ...]
+    unknowns: tuple[_Unknowns, ...]  # of each member
 
     @cached_property
     def _solution(self) -> Array:
@@ -50,22 +57,18 @@ class LinearFit:
 
         In units of their expected sizes.
         """
-        none = np.zeros(0, dtype=np.intp)
-        return np.delete(self._solution, np.concatenate([none, *self.columns]))
+        of_model = np.ones(len(self._solution), dtype=bool)
+        for own in self.unknowns:
+            of_model[own.columns] = False
+        return self._solution[of_model]
 
     @property
     def effect_parameters(self) -> tuple[Array, ...]:
         """Return the parameters of each member's effect."""
-        parts, by_touched = zip(self.members, self.columns, strict=True), iter(self.by_touched)
-        return tuple(
-            _parameters(
-                member,
-                next(by_touched) @ self._solution[columns]
-                if is_error_map(member.effect)
-                else self._solution[columns],
-            )
-            for member, columns in parts
-        )
+        found = tuple(member.start.copy() for member in self.members)
+        for x, own in zip(found, self.unknowns, strict=True):
+            x[: len(own.parameters)] += own.parameters @ self._solution[own.columns]
+        return found
 
 
 def linear_fit(rows: BlockedRows, members: tuple[ShapedEffect, ...]) -> LinearFit:
@@ -153,40 +156,39 @@ def linear_fit_of(
 ) -> LinearFit:
     """Fit members by the normal equations of all blocks, in columns as `LinearFit` has them."""
     touched = rows.touched(*joints_and_knots(members))
-    priors = [
-        _prior_by_touched(each, at) for each, at in zip(maps_among(members), touched, strict=True)
-    ]
-    by_touched = tuple(prior.expected_by_touched for prior in priors)
-    dense_count = equations.unknowns - sum(map(len, touched))
-    prior = block_diag(np.eye(dense_count), *(prior.precision_of_touched for prior in priors))
-    stops = dense_count + np.cumsum([0, *map(len, touched)])
-    of_maps = [np.arange(first, last) for first, last in pairwise(stops)]
-    of_effects = rows.with_effects_of(members).columns_of_effects()
-    columns = []
-    for member in members:
-        own_kind = of_maps if is_error_map(member.effect) else of_effects
-        columns.append(own_kind.pop(0))
-    return LinearFit(members, equations, prior, tuple(columns), by_touched)
+    maps = [_ByTouched.of(*each) for each in zip(maps_among(members), touched, strict=True)]
+    stops = np.cumsum([equations.unknowns - sum(map(len, touched)), *map(len, touched)])
+    prior = block_diag(np.eye(stops[0]), *(each.precision for each in maps))
+    of_maps = (
+        _Unknowns(np.arange(first, last), each.knots)
+        for (first, last), each in zip(pairwise(stops), maps, strict=True)
+    )
+    rows = rows.with_effects_of(members)  # either kind of columns is in the order of its members
+    factors = (each.effect.prior_factor for each in rows.shaped)
+    of_effects = map(_Unknowns, rows.columns_of_effects(), factors)
+    unknowns = (next(of_maps if is_error_map(each.effect) else of_effects) for each in members)
+    return LinearFit(members, equations, prior, tuple(unknowns))
 
 
-class _PriorByTouched(NamedTuple):
-    """What a map's prior says of its K coefficients, where poses touch v of their B-splines."""
+class _ByTouched(NamedTuple):
+    """What a map's prior says of its K knots, where poses touch v of its B-splines."""
 
-    precision_of_touched: Array  # (v, v)
-    expected_by_touched: Array  # (K, v): all coefficients that are expected, by those touched
+    precision: Array  # (v, v) of the coefficients of the B-splines touched
+    knots: Array  # (K, v) errors expected at all knots, by these coefficients
 
+    @classmethod
+    def of(cls, error_map: JointErrorMap, touched: Index) -> _ByTouched:
+        """Return the prior of a map by its touched coefficients.
 
-def _prior_by_touched(error_map: JointErrorMap, touched: Index) -> _PriorByTouched:
-    """Return the prior of a map by its touched coefficients.
-
-    With the factor F of all coefficients' prior covariance F F^T, and F_t of the touched ones, let
-    F_t^T = Q R. The covariance of the touched ones is R^T R, that of all with them F Q R, and so
-    the expected ones are F Q R (R^T R)^-1 = F Q R^-T by the touched.
-    """
-    F = b_splines_by_knots(error_map.knots) @ error_map.prior_factor
-    Q, R = np.linalg.qr(F[touched].T)
-    R_inverse = np.linalg.inv(R)
-    return _PriorByTouched(R_inverse @ R_inverse.T, F @ Q @ R_inverse.T)
+        Errors at the knots have the prior covariance L L^T, and B L is a factor of that of the
+        coefficients. With its touched rows F let F^T = Q R. The covariance of the touched ones is
+        R^T R, that of the knots with them L Q R, and so the expected knots are
+        L Q R (R^T R)^-1 = L Q R^-T by the touched.
+        """
+        L = error_map.prior_factor
+        Q, R = np.linalg.qr((b_splines_by_knots(error_map.knots)[touched] @ L).T)
+        R_inverse = np.linalg.inv(R)
+        return cls(R_inverse @ R_inverse.T, L @ Q @ R_inverse.T)
 
 
 def _equations_by_block(rows: BlockedRows, members: tuple[ShapedEffect, ...]) -> list[Gaussian]:
@@ -213,16 +215,6 @@ def with_form(member: ShapedEffect, knots: int, spectrum: Spectrum | None = None
     if not is_error_map(effect):
         return member
     return ShapedEffect(replace(effect, knots=knots, spectrum=spectrum or effect.spectrum))
-
-
-def _parameters(shaped: ShapedEffect, amounts: Array) -> Array:
-    """Return the parameters of an effect for the amounts of its columns; of a map its knots."""
-    effect = shaped.effect
-    if is_error_map(effect):
-        return np.asarray(np.linalg.solve(b_splines_by_knots(effect.knots), amounts), np.float64)
-    x = shaped.start.copy()
-    x[: effect.linear] += effect.prior_factor @ amounts
-    return x
 
 
 def made_finer(rows: BlockedRows, member: ShapedEffect, knots: int) -> ShapedEffect:
