@@ -498,9 +498,15 @@ def test_exchanged_balls_are_named_whatever_the_exchange(copy, first, second):
                 row[at] = swap.get(row[at], row[at])
 
     mend(folder, "cmm.csv.gz", change)
-    reasons = [row.reason for row in read_campaign(folder).quarantined]
+    read = read_campaign(folder)
+    reasons = [row.reason for row in read.quarantined]
     named = f"the labels of these targets are exchanged: {first} and {second}"
     assert reasons.count(named) >= 12
+    (finding,) = read.wrong_rows  # which may be excluded by the words that name it
+    describe(folder, "exclude", [{"where": finding.where, "why": "exchanged"}])
+    again = read_campaign(folder)
+    assert not again.wrong_rows
+    assert len(again.observations) == len(read.observations)
 
 
 def test_balls_exchanged_in_the_description_are_named(copy):

@@ -155,6 +155,8 @@ def test_bounds_are_told_in_the_number_of_the_file(raw):
         ("lines 7-9", 3),
         ("poses.csv:7", 1),
         ("raw/poses.csv:7", 1),
+        ("poses.csv: line 7", 1),
+        ("poses.csv: pose P003, 0 N, repeat 2", 1),
     ],
 )
 def test_rows_are_excluded_with_the_reason_that_is_stated(raw, where, left_out):
@@ -190,6 +192,13 @@ def test_a_label_may_begin_with_the_word_that_messages_put_before_it(raw, where,
     raw.poses[:] = [line.replace("P003", "pose 5").replace("P004", "5") for line in raw.poses]
     found = read(raw, exclude=[{"where": where, "why": "bumped"}])
     assert [row.value for row in found.quarantined] == 3 * [label]
+
+
+def test_a_label_may_have_commas(raw):
+    raw.poses[:] = [line.replace("P003", '"3, 0"') for line in raw.poses]
+    for where, count in (("3, 0", 3), ("pose 3, 0, 0 N, repeat 2", 1)):
+        found = read(raw, exclude=[{"where": where, "why": "bumped"}])
+        assert [row.value for row in found.quarantined] == count * ["3, 0"]
 
 
 def test_no_other_label_is_excluded_for_one_that_is_not_there(raw):

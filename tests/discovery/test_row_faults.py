@@ -173,13 +173,13 @@ class TestTails:
 
 class TestWrongRows:
     def test_configurations_are_told_once(self):
-        where = ["pose P07 at 22 N, repeat 4"] * 2
+        where = ["pose P07, 22 N, repeat 4"] * 2
         rows = quarantined("cmm.csv", [7, 8], f"{EXCHANGED}: B and C", ["", ""], where)
         rows += quarantined("poses.csv", [5], EXCHANGED, ["T1 and T3"])
         rows += quarantined("poses.csv", [6], "another reason", ["x"])
         rows += quarantined("poses.csv", [9], OFF_REPEATS, ["x"], ["pose P02, 0 N, repeat 1"])
         first, second, third = wrong_rows(rows)
-        assert first.where == "cmm.csv: pose P07 at 22 N, repeat 4"
+        assert first.where == "cmm.csv: pose P07, 22 N, repeat 4"
         assert "B and C" in first.what
         assert second.where == "poses.csv: line 5"
         assert "T1 and T3" in second.what

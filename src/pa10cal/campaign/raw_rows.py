@@ -171,6 +171,11 @@ class RawRows:
         groups = pd.DataFrame(keys).groupby(list(keys), sort=False)
         return np.asarray(groups.ngroup(), dtype=np.intp)
 
+    @property
+    def in_words(self) -> list[str]:
+        """Return the configuration of each row in words."""
+        return _in_words(self.text_of("pose"), self["load_N"], self["repeat"])
+
 
 def load_hint(unused: Iterable[str]) -> str:
     """Return how a load is read, for a line about columns that are not; empty if none names one."""
@@ -217,9 +222,14 @@ def quarantined(
 
 
 def configurations(readings: Observations) -> list[str]:
-    """Return the configuration of each reading, in words."""
-    parts = (readings.pose, readings.states.load_N, readings.repeat)
-    return [f"pose {pose}, {load:g} N, repeat {k}" for pose, load, k in zip(*parts, strict=True)]
+    """Return the configuration of each reading in words."""
+    return _in_words(readings.pose, readings.states.load_N, readings.repeat)
+
+
+def _in_words(poses: Iterable[str], loads_N: Array, repeats: NDArray[np.int64]) -> list[str]:
+    """Return configurations in the words in which `exclude` of campaign.yaml takes them."""
+    parts = zip(poses, loads_N, repeats, strict=True)
+    return [f"pose {pose}, {load:g} N, repeat {k}" for pose, load, k in parts]
 
 
 def quarantine_csv(rows: Iterable[Quarantined]) -> str:
@@ -251,7 +261,7 @@ _LINES = re.compile(
 )
 #: Rows by their label: `P012`, or `pose P012, 0 N, repeat 3`.
 _READING = re.compile(
-    r"(?P<label>(?:pose )?(?P<bare>[^,]+?))"
+    r"(?P<label>(?:pose )?(?P<bare>.+?))"
     r"(?:, (?P<load>[-+]?\d+(?:\.\d*)?) N)?(?:, repeat (?P<repeat>\d+))?"
 )
 
@@ -273,6 +283,7 @@ class Exclusions:
         for number, (where, why) in enumerate(self.stated):
             if number in self.met:  # else `pose 5`, now gone, would be taken for the label `5`
                 continue
+            where = where.removeprefix(f"{raw.file}: ")  # as messages have it
             excluded = _in_lines(every, where)
             excluded = _labelled(every, where) if excluded is None else excluded
             if excluded is None:

@@ -92,7 +92,7 @@ def read_touched(
         campaign,
         settings.stray_touch_sigma,
         str(cmm.path),
-        _in_words(configurations),
+        configurations.in_words,
     )
     q_rad = np.radians(dwells.q_deg[configurations["dwell"]])
     reason = _why_unusable(located, configurations, arm, q_rad, names)
@@ -404,7 +404,7 @@ def _unused_touches(
     """List touches that are outliers, and touches of configurations that cannot be used."""
     outlier = np.zeros(len(touches), dtype=bool)
     outlier[groups.row[located.outlier]] = True
-    label = np.array(_in_words(touches), dtype=object)
+    label = np.array(touches.in_words, dtype=object)
     outlier_reason = (
         f"suspected outlier: more than {settings.stray_touch_sigma:g} sigmas off its ball"
     )
@@ -412,12 +412,5 @@ def _unused_touches(
     why_unused = np.where(outlier, "", reason[groups.of_touch]).astype(str)
     for why in np.unique(why_unused[why_unused != ""]).tolist():
         unused = why_unused == why
-        places = [f"pose {text}" for text in label[unused]]
-        rows += quarantined(touches.file, touches.line[unused], why, label[unused], places)
+        rows += quarantined(touches.file, touches.line[unused], why, label[unused], label[unused])
     return rows
-
-
-def _in_words(rows: RawRows) -> list[str]:
-    """Return the configuration of each row in words."""
-    parts = (rows.text_of("pose"), rows["load_N"], rows["repeat"])
-    return [f"{pose} at {load:g} N, repeat {k}" for pose, load, k in zip(*parts, strict=True)]

@@ -180,10 +180,9 @@ class _ByTouched(NamedTuple):
     def of(cls, error_map: JointErrorMap, touched: Index) -> _ByTouched:
         """Return the prior of a map by its touched coefficients.
 
-        Errors at the knots have the prior covariance L L^T, and B L is a factor of that of the
-        coefficients. With its touched rows F let F^T = Q R. The covariance of the touched ones is
-        R^T R, that of the knots with them L Q R, and so the expected knots are
-        L Q R (R^T R)^-1 = L Q R^-T by the touched.
+        Errors at the knots have the prior covariance L L^T. Coefficients are B times them: with the
+        rows B_t of those touched let (B_t L)^T = Q R. Their covariance is R^T R, that of the knots
+        with them L Q R, and so the expected knots are L Q R (R^T R)^-1 = L Q R^-T by them.
         """
         L = error_map.prior_factor
         Q, R = np.linalg.qr((b_splines_by_knots(error_map.knots)[touched] @ L).T)
