@@ -24,6 +24,13 @@ def read(raw, **stated):
     return read_campaign(raw.write())
 
 
+def unlabelled():
+    """Return the columns of `UNLABELLED` as campaign.yaml states them."""
+    return {
+        key: each if isinstance(each, dict) else {"names": each} for key, each in UNLABELLED.items()
+    }
+
+
 def changed(raw, change) -> None:
     """Change the joint positions of every row: `change` takes and returns (6,) degrees."""
     at = [raw.column(name) for name in JOINTS]
@@ -201,6 +208,20 @@ def test_a_label_may_have_commas(raw):
         assert [row.value for row in found.quarantined] == count * ["3, 0"]
 
 
+def test_labels_that_are_counted_without_excluded_lines_are_told(raw):
+    def excluded(*where):
+        exclude = [{"where": each, "why": "bumped"} for each in where]
+        found = read(raw, columns={"poses": unlabelled()}, exclude=exclude)
+        told = [text for text in found.warnings if "counted without" in text]
+        return sorted(row.line for row in found.quarantined), told
+
+    assert excluded("P00004") == ([5, 45, 85], [])
+    lines, (told,) = excluded("line 3", "P00004")
+    assert lines == [3, 6, 46, 86]
+    assert "P00004 is line 6, 46, 86 of poses.csv, as labels" in told
+    assert "are counted without line 3: if another row is meant, state its line" in told
+
+
 def test_no_other_label_is_excluded_for_one_that_is_not_there(raw):
     raw.poses[:] = [line.replace("P003", "pose 5") for line in raw.poses]
     with pytest.raises(Pa10calError, match="nothing is there"):
@@ -242,10 +263,7 @@ def test_excluding_every_row_is_refused(raw):
 def test_repeats_are_known_by_the_scatter_of_what_is_read_back(raw):
     rng = np.random.default_rng(5)
     changed(raw, lambda q_deg, _: q_deg + rng.uniform(-0.002, 0.002, 6))
-    columns = {
-        key: each if isinstance(each, dict) else {"names": each} for key, each in UNLABELLED.items()
-    }
-    found = read(raw, columns={"poses": columns}).observations
+    found = read(raw, columns={"poses": unlabelled()}).observations
     assert len(set(found.pose)) == 40
     assert sorted(set(found.repeat)) == [1, 2, 3]
     assert len(set(read(raw, repeat_tolerance_deg=1e-4).observations.pose)) == 120

@@ -273,19 +273,24 @@ class Exclusions:
     stated: Sequence[tuple[str, str]]  # rows, and the reason to exclude them
     where: str  # file and key, for a refusal
     met: set[int] = field(default_factory=set)  # numbers of the exclusions that met a row
+    lines: list[str] = field(default_factory=list)  # those of them that are lines
 
     def without(self, raw: RawRows) -> RawRows:
         """Quarantine rows that are excluded, each for the first reason that is stated.
 
-        An exclusion by a column that is made later is left for then.
+        An exclusion by a column that is made later is left for then. What is made counts no line
+        that was excluded before: a warning says so.
         """
-        every, left = raw, np.ones(len(raw), dtype=bool)
+        every, left, lines_before = raw, np.ones(len(raw), dtype=bool), ", ".join(self.lines)
         for number, (where, why) in enumerate(self.stated):
             if number in self.met:  # else `pose 5`, now gone, would be taken for the label `5`
                 continue
-            where = where.removeprefix(f"{raw.file}: ")  # as messages have it
-            excluded = _in_lines(every, where)
-            excluded = _labelled(every, where) if excluded is None else excluded
+            place = where.removeprefix(f"{raw.file}: ")  # as messages have it
+            excluded = _in_lines(every, place)
+            if excluded is not None:
+                self.lines.append(where)
+            else:
+                excluded = _labelled(every, place)
             if excluded is None:
                 continue
             self.met.add(number)
@@ -293,6 +298,14 @@ class Exclusions:
             poses = raw.text_of("pose")[lost] if "pose" in raw.columns else None
             raw = raw.take(~lost, f"{EXCLUDED}: {why}", poses)
             left &= ~excluded
+            if lines_before:
+                told = ", ".join(map(str, every.line[excluded].tolist()))
+                warning = (
+                    f"{self.where}: {where} is line {told} of {raw.file}, as labels and repeats "
+                    f"that the file lacks are counted without {lines_before}: if another row is "
+                    "meant, state its line"
+                )
+                raw = replace(raw, warnings=(*raw.warnings, warning))
         return raw
 
     def refuse_missed(self, file: str) -> None:
