@@ -572,6 +572,27 @@ def test_campaigns_broken_in_ten_ways_stop_no_other(tmp_path):
     assert found.wrong == {}
 
 
+@pytest.mark.parametrize(
+    ("count", "told"),
+    [
+        (0, "fleet: 1 campaign of 1 arm: 1 good\n"),
+        (1, "1 arm needs attention: c-0\n"),
+        (2, "2 arms need attention: c-0, c-1\n"),
+        (11, "11 arms need attention: c-0, c-1, c-10, c-2, c-3, c-4, c-5, c-6, c-7, c-8, …\n"),
+    ],
+)
+def test_arms_that_need_attention_are_named_until_they_are_many(tmp_path, capsys, count, told):
+    for name in [f"c-{k}" for k in range(count)] or ["good"]:
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "campaign.yaml").touch()
+    if not count:
+        good = ChainRecord(campaign="good", status="done", grade="good", line="", verdict="none")
+        write(good, tmp_path / "good/chain.json")
+    words = ["fleet_summary", "--campaigns", "*", "--raw-dir", str(tmp_path)]
+    assert main([*words, "--results", str(tmp_path), "--out", str(tmp_path / "fleet")]) == 0
+    assert capsys.readouterr().out.endswith(told)
+
+
 def test_a_fleet_of_nothing_is_refused(tmp_path, capsys):
     assert main(["fleet", "gone.csv", "--raw-dir", str(tmp_path)]) == 2
     assert "the table of campaigns cannot be read" in capsys.readouterr().err

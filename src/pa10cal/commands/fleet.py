@@ -90,9 +90,13 @@ def fleet(
     print(f"{out / 'fleet/fleet.html'}\nin {display.seconds:.0f} s")
     lost = [each.campaign for each in record.campaigns if each.became.status != "done"]
     if lost:
-        named = ", ".join(lost[:_MOST_NAMES]) + ", …" * (len(lost) > _MOST_NAMES)
         total = len(record.campaigns)
-        raise StageError(f"{len(lost)} of {total} campaigns gave no model: {named}")
+        raise StageError(f"{len(lost)} of {total} campaigns gave no model: {_first_of(lost)}")
+
+
+def _first_of(names: list[str]) -> str:
+    """Return names as one line, of many the first ones."""
+    return ", ".join([*names[:_MOST_NAMES], *["…"] * (len(names) > _MOST_NAMES)])
 
 
 def _attention_lines(record: FleetRecord) -> Iterator[str]:
@@ -134,6 +138,7 @@ def fleet_summary(*, campaigns: str, raw_dir: Path, results: Path, out: Path) ->
     from pa10cal.files.output import whole_files, write_text
     from pa10cal.fleet.arm_status import fleet_csv, fleet_record
     from pa10cal.fleet.campaigns import campaigns_of
+    from pa10cal.reports.formatting import count as number_of
     from pa10cal.reports.page import fleet_page_text
     from pa10cal.results.codec import write
 
@@ -144,8 +149,9 @@ def fleet_summary(*, campaigns: str, raw_dir: Path, results: Path, out: Path) ->
         write_text(page, fleet_page_text(record))
         write(record, record_file)
     print(f"fleet: {_counts(record)}")
-    urgent = [arm.arm for arm in record.arms if arm.attention != "none"]
-    print(f"fleet: {len(urgent)} arms need attention: {', '.join(urgent[:_MOST_NAMES])}")
+    if urgent := [arm.arm for arm in record.arms if arm.attention != "none"]:
+        needed = "needs" if len(urgent) == 1 else "need"
+        print(f"fleet: {number_of(len(urgent), 'arm')} {needed} attention: {_first_of(urgent)}")
 
 
 def measured(
