@@ -21,6 +21,11 @@ _ROUNDED_KINK_RAD = 1e-9
 #: Lengths that differ by less than this part count as equal.
 _SAME_LENGTH = 5e-13
 _ROUNDING = 16.0 * float(np.finfo(float).eps)
+#: Points closer than this, as a part of the largest coordinate, are the same but for rounding: it
+#: would decide in which direction the curve runs there.
+_SAME_POINT = 4096.0 * float(np.finfo(float).eps)
+#: Squares, cubes and fourth powers of lengths between these neither overflow nor vanish [m].
+_LEAST_M, _MOST_M = 1e-50, 1e50
 
 
 @dataclass(frozen=True)
@@ -257,14 +262,14 @@ def _check(positive: dict[str, float], finite: dict[str, float] | None = None) -
     """Refuse measures that are not finite, and of the first ones those not above zero."""
     for name, value in {**positive, **(finite or {})}.items():
         above = name in positive
-        if not np.isfinite(value) or (above and value <= 0.0):
+        if not abs(value) <= _MOST_M or (above and value < _LEAST_M):
             kind = "positive" if above else "finite"
-            bound = " above 0" if above else ""
+            least = _LEAST_M if above else -_MOST_M
             raise CurveError(
                 f"a measure of the shape is not {kind}",
                 where=name,
                 value=value,
-                allowed=f"a finite number{bound}",
+                allowed=f"{least:g} to {_MOST_M:g}",
                 remedy="correct it",
             )
 
@@ -274,6 +279,9 @@ def _check(positive: dict[str, float], finite: dict[str, float] | None = None) -
 
 #: Cells a piece, and parts of a cell that is cut again: bounds get tighter with more of them.
 _CELLS_A_PIECE = 4
+#: A spline so many times as long as the lines between its points goes elsewhere: one through random
+#: points is 1.2 times as long, 2.5 at most of thousands.
+_DETOUR = 5.0
 #: Cells are cut again where the squared speed varies by more than this; so often are they cut.
 _TIGHT, _TIMES_CUT = 0.2, 5
 #: Components of a cross product, as differences of products.
@@ -289,11 +297,25 @@ def spline_through(points_m: Array, closed: bool = False) -> Curve:
 
     Raises:
         CurveError: with fewer than two points, points that are not finite or repeat the one before,
-            or where closed a last point that repeats the first.
+            or where closed a last point that repeats the first; where the spline is so much longer
+            than the distances that it does not follow the points.
     """
     points_m, t = _along(points_m, closed)
     spline = CubicSpline(t, points_m, bc_type="periodic" if closed else "not-a-knot")
-    return _piecewise(PPoly(spline.c, spline.x))
+    curve = _piecewise(PPoly(spline.c, spline.x))
+    # No more than the length of each cell, so that no spline is refused for a wide bound.
+    lengths_m = curve.bounds.slowest * np.diff(curve.bounds.edges)
+    if lengths_m.sum() > _DETOUR * t[-1]:
+        after = int(np.searchsorted(t, curve.bounds.edges[np.argmax(lengths_m)], "right"))
+        raise CurveError(
+            "the spline strays from its points",
+            where=f"points {after} and {after % len(points_m) + 1}",
+            value=f"{lengths_m.sum():.3g} m of spline along {t[-1]:.3g} m",
+            allowed=f"at most {_DETOUR:g} times the distances between the points",
+            remedy="remove points that are close together beside a long gap, or set through: "
+            "straight",
+        )
+    return curve
 
 
 def polyline(points_m: Array) -> Curve:
@@ -324,26 +346,29 @@ def _along(points_m: Array, closed: bool = False) -> tuple[Array, Array]:
             allowed="two points or more, each x, y, z",
             remedy="give more points",
         )
-    bad = np.flatnonzero(~np.isfinite(points_m).all(axis=1))
+    bad = np.flatnonzero(~(np.abs(points_m) <= _MOST_M).all(axis=1))
     if len(bad):
         raise CurveError(
-            "a point is not finite",
+            "a point is not finite, or too far away",
             where=f"point {bad[0] + 1}",
             value=points_m[bad[0]].tolist(),
-            allowed="finite coordinates",
+            allowed=f"coordinates up to {_MOST_M:g} m",
             remedy="remove the point",
         )
-    repeated = np.flatnonzero((np.diff(points_m, axis=0) == 0.0).all(axis=1))
+    steps = np.linalg.norm(np.diff(points_m, axis=0), axis=1)
+    same_m = max(_SAME_POINT * np.abs(points_m).max(), _LEAST_M)
+    repeated = np.flatnonzero(steps <= same_m)
     if len(repeated):
         raise CurveError(
             "a point repeats the one before",
             where=f"point {repeated[0] + 2}",
-            value=points_m[repeated[0]].tolist(),
-            allowed="neighbouring points that differ",
+            value=points_m[repeated[0] + 1].tolist(),
+            allowed=f"neighbouring points that are more than {same_m:.2g} m apart",
             remedy=f"remove repeated points ({len(repeated)} in all)",
         )
     if closed:
-        if (points_m[0] == points_m[-1]).all():
+        back_m = float(np.linalg.norm(points_m[0] - points_m[-1]))
+        if back_m <= same_m:
             raise CurveError(
                 "the last point of a closed curve repeats the first",
                 where=f"point {len(points_m)}",
@@ -351,8 +376,7 @@ def _along(points_m: Array, closed: bool = False) -> tuple[Array, Array]:
                 allowed="a last point other than the first, to which the curve returns by itself",
                 remedy="remove the last point",
             )
-        points_m = np.vstack([points_m, points_m[:1]])
-    steps = np.linalg.norm(np.diff(points_m, axis=0), axis=1)
+        points_m, steps = np.vstack([points_m, points_m[:1]]), np.append(steps, back_m)
     return points_m, _sum_from_zero(steps)
 
 

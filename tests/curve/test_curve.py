@@ -79,6 +79,7 @@ def test_a_circle_is_a_flat_helix_from_the_x_axis_on():
         (lambda: helix(1.0, 0.1, 0.0), "turns"),
         (lambda: helix(1.0, 0.1, 1.0, np.inf), "phase_rad"),
         (lambda: serpenoid(1.0, 2.0, 0.0), "amplitude_rad"),
+        (lambda: line(1e300), r"length_m: .*; allowed: 1e-50 to 1e\+50"),
     ],
 )
 def test_measures_that_make_no_shape_are_refused(make, message):
@@ -182,9 +183,19 @@ def test_a_closed_spline_returns_without_a_kink():
     np.testing.assert_allclose(v[0], v[1], atol=1e-12)
 
 
-def test_a_closed_spline_whose_last_point_repeats_the_first_is_refused():
+@pytest.mark.parametrize("off_m", [0.0, 1e-15])
+def test_a_closed_spline_whose_last_point_repeats_the_first_is_refused(off_m):
     with pytest.raises(CurveError, match="point 5: the last point of a closed curve repeats"):
-        spline_through(np.vstack([SQUARE, SQUARE[:1]]), closed=True)
+        spline_through(np.vstack([SQUARE, SQUARE[:1] + off_m]), closed=True)
+
+
+def test_a_spline_that_strays_from_its_points_is_refused():
+    """Three points at rest before a long gap: it went 60 m away from a square of one metre."""
+    at_rest = SQUARE[2] + 1e-3 * np.array([[0, 0, 0], [1, 0, 0], [1, 1, 1], [0, 1, 0]])
+    points = np.vstack([SQUARE[:2], at_rest, SQUARE[3:]])
+    with pytest.raises(CurveError, match=r"points 6 and 7: the spline strays .* m of spline along"):
+        spline_through(points)
+    assert polyline(points).bounds.length_m[-1] < 3.1
 
 
 @pytest.mark.parametrize("make", [spline_through, polyline])
@@ -195,6 +206,11 @@ def test_a_closed_spline_whose_last_point_repeats_the_first_is_refused():
         (SQUARE[:, :2], "each x, y, z"),
         (np.vstack([SQUARE, [0, np.nan, 0]]), "point 5: a point is not finite"),
         (np.vstack([SQUARE, SQUARE[-1:], SQUARE]), "point 5: a point repeats the one before"),
+        # Apart by rounding alone: a spline through them was 7.7e14 m long, or ended in a fault.
+        (np.insert(SQUARE, 2, [1, 1e-16, 0], axis=0), r"point 3: .*more than 9.1e-13 m apart"),
+        (np.insert(SQUARE, 2, [1 + 2e-16, 0, 0], axis=0), "point 3: a point repeats the one"),
+        (1e-300 * SQUARE, "point 2: a point repeats the one before"),
+        (1e300 * SQUARE, "point 2: a point is not finite, or too far away"),
     ],
 )
 def test_points_that_are_no_curve_are_refused(make, points, message):
