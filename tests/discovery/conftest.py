@@ -99,6 +99,18 @@ def entangled(searched) -> Surveyed:
 
 
 @pytest.fixture(scope="session")
+def worn(searched) -> Surveyed:
+    """Joint 3 has lost motion of 4e-4 rad in two fifths of its angles, where its gear is worn."""
+
+    def turn(states):
+        q_rad = states.q_rad[:, 2]
+        low, high = np.quantile(q_rad, [0.3, 0.7])
+        return at_joint(3, -4e-4 * states.arrival[:, 2] * ((low < q_rad) & (q_rad < high)))
+
+    return searched("worn", observe, Hidden(turn=turn))
+
+
+@pytest.fixture(scope="session")
 def twisted(searched) -> Surveyed:
     """The orientation alone turns about joint 5, by the side from which that came."""
 

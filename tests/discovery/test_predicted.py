@@ -9,6 +9,7 @@ from pa10cal.commands.models import notes_on
 from pa10cal.discovery.discover import with_predicted
 from pa10cal.discovery.field import field_of
 from pa10cal.discovery.gap import fallen_back
+from pa10cal.discovery.nameless import nameless_effects
 from pa10cal.discovery.verdict_records import verdict_keys
 from pa10cal.fit.fitted import FallBack
 from pa10cal.fit.model_reading import load_model
@@ -59,6 +60,29 @@ def test_what_two_joints_do_together_is_predicted_and_is_no_name(entangled):
     assert "is predicted: " in headline(explained)
     assert any("has no name is predicted" in said for said in sentences(explained))
     assert verdict_keys(beside).gap.train.after == beside.train.after
+
+
+@pytest.mark.slow
+def test_lost_motion_in_some_angles_is_predicted_by_the_side_of_arrival_there(worn):
+    found = worn.discovery
+    beside = with_predicted(found)
+    squares = np.array([each.holdout.after.rms_mm for each in (found, beside)]) ** 2
+    of_noise = found.noise_floor_mm**2
+    assert squares[1] - of_noise < 0.2 * (squares[0] - of_noise)
+    (together,) = (term for term in beside.model.model.terms if term.id == "nameless")
+    assert [each.of for each in together.terms if each.id == "arrival_map"] == ["joint 3"]
+
+
+def test_by_arrival_at_each_angle_are_joints_alone_whose_arrivals_were_found(wave):
+    found = wave.discovery
+    context, states, held = found.context, found.states, found.model.model.terms
+
+    def of(**arriving):
+        effects = nameless_effects(context, states, held, logged=False, **arriving)
+        return [each.of for each in effects if each.id == "arrival_map"]
+
+    assert of() == []
+    assert of(arriving={2, 5}) == ["joint 2", "joint 5"]
 
 
 def test_nothing_is_predicted_where_the_log_is_to_be_checked_or_the_base_moved(entangled):

@@ -288,7 +288,9 @@ def _nameless(found: Verdict, model: FittedModel) -> tuple[Effect, ...]:
     if not judged_by_blocks(found.prepared.trusted):
         return ()
     logged, held = found.prepared.torques == "logged", model.model.terms
-    return nameless_effects(found.context, found.states, held, logged=logged)
+    without_name = (*found.without_name, *(each.effect for each in found.effects))
+    arriving = {each.arriving[0] for each in without_name if len(each.arriving) == 1}
+    return nameless_effects(found.context, found.states, held, logged=logged, arriving=arriving)
 
 
 def _judged(campaign: Prepared, model: FittedModel) -> Verdict:

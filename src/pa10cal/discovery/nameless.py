@@ -8,7 +8,7 @@ zero. Forward selection may find none where effects mask each other.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from itertools import compress, pairwise
 from typing import TypeVar
@@ -29,6 +29,7 @@ from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
 from pa10cal.terms.effects.context import CandidateContext
 from pa10cal.terms.effects.effect import Effect
+from pa10cal.terms.effects.generic import ArrivalMap
 from pa10cal.terms.effects.vocabulary import every_effect, everywhere_but
 from pa10cal.terms.field import Nameless
 from pa10cal.terms.model import Model
@@ -39,12 +40,18 @@ F = TypeVar("F", bound=Fitted)
 
 
 def nameless_effects(
-    context: CandidateContext, states: PoseStates, held: Sequence[Term], *, logged: bool
+    context: CandidateContext,
+    states: PoseStates,
+    held: Sequence[Term],
+    *,
+    logged: bool,
+    arriving: Collection[int] = (),
 ) -> tuple[Effect, ...]:
     """Return the effects that may predict errors without a name: those of the arm, by the pose.
 
     They are the named effects that the model does not hold and that the states of complete poses
-    determine. Deflections of joints are left to springs; effects of the log, of the instrument and
+    determine, and what depends on the directions in which some joints arrive, from 1, at each angle
+    by itself. Deflections of joints are left to springs; effects of the log, of the instrument and
     of time are not of the arm.
     """
     kinds = [
@@ -54,7 +61,9 @@ def nameless_effects(
         and kind.error_of == "robot"
         and not (kind.generic or kind.at_knots or kind.depends_on)
     ]
-    known, _ = computable(everywhere_but(kinds, context, held), states, logged=logged, weights=True)
+    by_arrival = (each for each in ArrivalMap.everywhere(context) if each.joint in arriving)
+    every = (*everywhere_but(kinds, context, held), *by_arrival)
+    known, _ = computable(every, states, logged=logged, weights=True)
     return tuple(
         effect
         for effect in known

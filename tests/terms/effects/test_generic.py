@@ -3,6 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pa10cal.terms.effects.generic import ArrivalMap
+
 
 def left_of(target, basis):
     """Largest part of a target (m,) that columns (m, k) cannot make."""
@@ -86,3 +88,17 @@ def test_a_drift_map_makes_a_constant_rate(at, states):
         replace(states, time_s=np.linspace(*effect.span_s, len(states))), np.zeros(18)
     )
     np.testing.assert_allclose(ends[-1], np.kron(np.eye(6), np.ones(3)), atol=1e-12)
+
+
+def test_an_arrival_map_has_an_amount_of_its_own_at_each_knot_for_either_side(states):
+    effect, x = ArrivalMap("joint 2", (-0.8, 0.8)), np.arange(17.0)
+    angles = np.array([-9.0, -0.8, -0.75, 0.0, 0.8, 9.0])  # knots are 0.1 apart
+    q_rad = np.zeros_like(states.q_rad)
+    q_rad[:, 1] = angles
+    for side in (-1.0, 0.0, 1.0):
+        at = replace(states, q_rad=q_rad, arrival=np.full_like(q_rad, side))
+        np.testing.assert_allclose(
+            effect.shift(at, x)[:, 0], side * np.array([0, 0, 0.5, 8, 16, 16])
+        )
+    assert effect.coordinates == ("theta_2",)
+    assert effect.arriving == (2,)

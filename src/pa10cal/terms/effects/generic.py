@@ -185,6 +185,47 @@ class DirectionMap(JointEffect):
 
 
 @dataclass(frozen=True)
+class ArrivalMap(JointEffect):
+    """The joint stops elsewhere by its direction of arrival, each angle by an amount of its own.
+
+    s_j times a straight line from knot to knot of its angle [rad], as where a gear is worn in the
+    angles at which it works. It is no candidate of the search, and predicts where `direction_map`
+    shows that the direction of arrival matters.
+    """
+
+    span_rad: Span  # lowest and highest measured angle, beyond which it is as at these
+    id = "arrival_map"
+    varies_with = "the direction of arrival"
+    words = "theta_{0.joint} += s_{0.joint} times a line through {0.knots} knots of q_{0.joint}"
+    generic = True
+    role_in_search = "proposed"
+    knots = 17
+
+    @classmethod
+    def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
+        span_rad = context.span_at(joint)
+        return (span_rad,) if span_rad else None
+
+    @property
+    def reported(self) -> tuple[TermParameter, ...]:
+        """Return what the joint is off at each knot, from the lowest angle on."""
+        return tuple(
+            TermParameter(f"knot_{k:02d}", "rad", 1e-5, plausible=2e-4) for k in range(self.knots)
+        )
+
+    @property
+    def arriving(self) -> tuple[int, ...]:
+        return (self.joint,)
+
+    def per_unit(self, states: PoseStates) -> Array:
+        low, high = self.span_rad
+        place = (states.q_rad[:, self.joint - 1] - low) / (high - low) * (self.knots - 1)
+        away = np.abs(np.clip(place, 0.0, self.knots - 1)[:, None] - np.arange(self.knots))
+        side = states.arrival[:, self.joint - 1, None]
+        return np.asarray(side * np.maximum(1.0 - away, 0.0))
+
+
+@dataclass(frozen=True)
 class DriftMap(Effect):
     """The base shifts [m] and turns [rad] by a smooth function of time.
 
