@@ -175,6 +175,27 @@ def test_a_calibration_with_the_effects_found_is_not_said_to_lack_them(
 
 
 @pytest.mark.parametrize(
+    ("word", "grade", "says"),
+    [
+        ("unexplained", "good", "hardly more than noise, what the verdict does not explain"),
+        ("unexplained", "incomplete", "larger than the noise explains."),
+        ("none", "good", "The calibration is good."),
+    ],
+)
+def test_a_good_grade_beside_something_unexplained_says_how_little_is_left(
+    copied, word, grade, says
+):
+    with_verdict(copied, word)
+    file = copied / "calibration/combined.json"
+    health = json.loads(file.read_text("utf-8"))["health"]
+    change(copied, file.name, health={**health, "grade": grade})
+    results = ResultsBundle(copied)
+    text = grade_sentence(results, results.calibration)
+    assert says in text
+    assert ("what the verdict does not" in text) == ((word, grade) == ("unexplained", "good"))
+
+
+@pytest.mark.parametrize(
     ("of", "place"),
     [
         ("upper_arm", "at the upper arm"),

@@ -41,6 +41,11 @@ _GRADES = {
     "not_converged": "The fit did not converge.",
 }
 _SOME_THERE = "It has some of the effects found."
+#: What a good grade means beside something without a name: a grade allows more error than a search.
+_HARDLY_ABOVE = (
+    "All that the model leaves is hardly more than noise, what the verdict does not explain "
+    "included: a search tells less than a grade asks for."
+)
 #: Of more parameters only a summary is shown.
 _MOST_PARAMETERS = 6
 
@@ -100,10 +105,14 @@ def grade(results: ResultsBundle, case: CalibrationRecord) -> Iterator[PageBlock
 
 def grade_sentence(results: ResultsBundle, case: CalibrationRecord) -> str:
     """Return what the grade of a calibration means."""
-    text = _GRADES[case.health.grade]
-    if _is_good_but_for_more(case):
+    text, good_but_for_more = _GRADES[case.health.grade], _is_good_but_for_more(case)
+    if good_but_for_more:
         text = "The calibration is good; more poses would make predictions less uncertain."
-    if results.verdict is None or not results.verdict.effects:
+    if results.verdict is None:
+        return text
+    if results.verdict.unexplained and (good_but_for_more or case.health.grade == "good"):
+        text = f"{text} {_HARDLY_ABOVE}"
+    if not results.verdict.effects:
         return text
     there = _calibrated_with(results, results.verdict)
     if not there:
