@@ -28,6 +28,7 @@ from pa10cal.discovery.blocked_cv.search import Search
 from pa10cal.discovery.blocked_cv.survey import Survey, consecutive_blocks
 from pa10cal.discovery.jacobians import by_joints, by_terms
 from pa10cal.discovery.model_with_effects import with_base_motion
+from pa10cal.discovery.nuisances import AttitudeLag, Jump, Wander
 from pa10cal.discovery.pose_scatter import unweighted
 from pa10cal.discovery.preparation import Prepared, why_few_angles
 from pa10cal.discovery.rules import BLOCKS
@@ -298,6 +299,20 @@ def test_distances_too_few_for_maps_of_all_joints_are_weighed_by_their_noise(tmp
     found = weighted_rows(judged, computable_shapes(judged)[0], 72)
     noise_mm = 1e3 / np.median(found.weights.whitener)
     assert noise_mm == pytest.approx(trial.settings.without_touches.position_mm, rel=0.25)
+
+
+def test_fitted_amounts_are_those_of_each_nuisance_in_the_order_of_their_columns(few):
+    time_s = few.poses.states.time_s
+    wander = Wander(time_s, (Jump(time_s[50], time_s[49], time_s[51], 1e-4, 1.0),))
+    survey = replace(few, wander=wander, lag=AttitudeLag((4, 5)))
+    amounts = np.arange(1.0, survey.nuisance_count + 1.0)
+    fitted = survey.with_amounts(amounts)
+    np.testing.assert_array_equal(fitted.wander.amounts, amounts[:6])
+    np.testing.assert_array_equal(fitted.lag.amounts, amounts[6:])
+    assert fitted.change is None
+    assert few.with_amounts(amounts[:0]).nuisances == ()
+    with pytest.raises(AssertionError):
+        survey.with_amounts(amounts[1:])
 
 
 @pytest.mark.parametrize("poses_each", [1, 7, 15, 19, 25])

@@ -29,8 +29,6 @@ from pa10cal.terms.effects.effect import Effect
 
 #: Fewest poses from which blocks can be held out.
 LEAST_FOR_BLOCKS = BLOCKS.blocks * BLOCKS.least_poses
-#: Fields of a survey that hold a nuisance, in the order of their columns.
-_NUISANCES = ("wander", "change", "lag")
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,8 +167,7 @@ class Survey:
     @property
     def nuisances(self) -> tuple[Nuisance, ...]:
         """Return the nuisances of this survey, in the order of their columns."""
-        each_or_none = (getattr(self, name) for name in _NUISANCES)
-        return tuple(each for each in each_or_none if each is not None)
+        return tuple(each for each in (self.wander, self.change, self.lag) if each is not None)
 
     @property
     def nuisance_count(self) -> int:
@@ -179,15 +176,15 @@ class Survey:
 
     def with_amounts(self, amounts: Array) -> Survey:
         """Return the survey with fitted amounts (k,) of its nuisances, in their order."""
-        names = [name for name in _NUISANCES if getattr(self, name) is not None]
-        stops = np.cumsum([len(nuisance.sizes) for nuisance in self.nuisances], dtype=np.intp)
-        *parts, surplus = np.split(amounts, stops)
-        assert not len(surplus)
-        fitted: dict[str, Any] = {
-            name: replace(getattr(self, name), amounts=part)
-            for name, part in zip(names, parts, strict=True)
-        }
-        return replace(self, **fitted)
+        assert len(amounts) == self.nuisance_count
+        stops = np.cumsum([0 if n is None else len(n.sizes) for n in (self.wander, self.change)])
+        of_wander, of_change, of_lag = np.split(amounts, stops)
+        return replace(
+            self,
+            wander=self.wander and replace(self.wander, amounts=of_wander),
+            change=self.change and replace(self.change, amounts=of_change),
+            lag=self.lag and replace(self.lag, amounts=of_lag),
+        )
 
 
 def interleaved_blocks(count: int) -> Index:
@@ -198,12 +195,11 @@ def interleaved_blocks(count: int) -> Index:
 def consecutive_blocks(poses: Observations) -> Index:
     """Return block numbers (P,) of consecutive poses, a tenth of every campaign in each block.
 
-    If each block held a single campaign, differences between campaigns would count as chance. The
-    last poses of a campaign that is not one of a group, if they are apart from all others, are
-    dealt to the smallest blocks, one by one, and the others are divided without them: of 105 poses
-    whose last five are apart, each block has ten consecutive ones, and five blocks one more. Only
-    those in the last block are dealt: blocks that are filled by poses apart shield each other, as
-    they do at an end of rows sorted by the steps of a joint, which are to stay together.
+    If each block held a single campaign, differences between campaigns would count as chance.
+
+    Of a campaign alone, last poses that are apart from all others (`_last_apart`) are dealt to the
+    smallest blocks, one by one, and the others are divided without them: of 105 poses whose last
+    five are apart, each block has ten consecutive ones, and five blocks one more.
     """
     campaign = poses.states.campaign
     if campaign is not None:
@@ -253,9 +249,12 @@ def _last_apart(q_rad: Array, block: Index) -> Index:
 
     As where poses that a verdict asked for were measured after all others. If they were held out
     together, what they show would be in one block, which is then predicted badly whatever the model
-    holds. None if they are no more than ranges of joints have by chance, or fewer than twice those
-    apart in another block, as in rows sorted by a joint; none along a path, where poses that are
-    close together err alike.
+    holds.
+
+    None if they are no more than ranges of joints have by chance. None in rows sorted by a joint:
+    there the first block is as far apart as the last one, or a step of the joint fills several
+    blocks, each within the range of the others. None along a path, where poses that are close
+    together err alike.
     """
     if along_a_path(q_rad):
         return np.zeros(0, np.intp)
