@@ -208,6 +208,22 @@ def test_a_campaign_that_is_worse_by_chance_is_not_harmed(monkeypatch, mapped):
     assert harmless(found).effects == found.effects
 
 
+@pytest.mark.parametrize(("one_in", "left"), [(2, 0), (32, 1)])
+def test_few_poses_that_the_others_pull_are_not_harmed(monkeypatch, eccentric, one_in, left):
+    """Fitted 3 % worse, alike in all poses of a campaign, and held out worse by chance."""
+    found = as_group(
+        monkeypatch, eccentric.discovery, lambda q: np.round(1e4 * q[:, 1]) % one_in < 1, 1.03
+    )
+    gap = found.holdout
+    second = np.flatnonzero(gap.campaigns["second"])
+    uneven = np.ones(len(gap.poses))
+    uneven[second[::2]], uneven[second[1::2]] = 1.5, 0.6
+    after = replace(gap.found_before, distance_mm=uneven * gap.found_before.distance_mm)
+    after = gap.found_after.replaced_where(gap.campaigns["second"], after)
+    done = harmless(replace(found, holdout=replace(gap, found_after=after)))
+    assert len(done.effects) == left
+
+
 def test_positions_visited_bridge_usual_gaps_only():
     rng = np.random.default_rng(1)
     q_rad = np.column_stack(

@@ -26,7 +26,7 @@ from pa10cal.discovery.verdict import Basis, Scorer, Verdict
 from pa10cal.fit.fitted import FallBack
 from pa10cal.fit.repeatability import is_chance
 from pa10cal.fit.validity import AngleCoverage, nothing_seen, span_visited
-from pa10cal.observe.observations import average_repeats
+from pa10cal.observe.observations import Observations, average_repeats
 from pa10cal.observe.paths import HeldOutPlaces
 from pa10cal.results.evaluation import BeforeAfter
 from pa10cal.terms.effects.effect import JointEffect
@@ -261,7 +261,8 @@ def _is_harmed(found: Verdict, campaign: str) -> bool:
     """Return whether held-out poses of a campaign are predicted worse by more than chance.
 
     If there are too few of them to be significant, the fitted poses of that campaign decide: an
-    effect that only suits the other campaigns makes them worse, too.
+    effect that only suits the other campaigns makes them worse, too. What they lose to a fit of
+    the others is one change of the parameters, and not one of each pose.
     """
 
     def compared(gap: PairedErrors | None) -> _Comparison | None:
@@ -272,7 +273,22 @@ def _is_harmed(found: Verdict, campaign: str) -> bool:
     held_out, train = compared(found.trusted_holdout), compared(found.train)
     if held_out is None or not held_out.over:
         return False
-    return held_out.surely or (train is not None and train.over and train.surely)
+    if held_out.surely or train is None or not (train.over and train.surely):
+        return held_out.surely
+    return not _fitted_worse_by_chance(found, train.errors)
+
+
+def _fitted_worse_by_chance(found: Verdict, errors: BeforeAfter) -> bool:
+    """Return whether a refit with the effects' parameters may lose as much at some fitted poses.
+
+    Where effects are present, their parameters move by chance, and with them the sum of squares at
+    these poses by chi square of as many components. The scatter is that of the poses themselves.
+    """
+    parameters = sum(len(finding.x) for finding in found.findings)
+    before, after = errors.before, errors.after
+    components = before.configurations * _components(found.train.poses)
+    scatters = components * ((after.rms_mm / before.rms_mm) ** 2 - 1.0)
+    return parameters > 0 and is_chance(scatters / parameters, parameters)
 
 
 def _every(gap: PairedErrors) -> Mask:
@@ -338,7 +354,10 @@ def _is_beyond(ratio: float, found: Verdict, gap: PairedErrors, rows: Mask) -> b
         spread, floor_mm = spread + scatter.covariance(found.extended.at, poses), 0.0
     variance = np.trace(position_noise_m2(poses.measured, spread), axis1=1, axis2=2)
     expected_mm = np.hypot(floor_mm, 1e3 * np.sqrt(variance.mean()))
-    # The error of a pose has no more than three independent components, however many targets.
-    components = len(poses) * min(3, len(poses.measured.position_columns))
     over = summarise(gap.found_after, rows).rms_mm / float(expected_mm)
-    return over > ratio and not is_chance(over**2, components)
+    return over > ratio and not is_chance(over**2, len(poses) * _components(poses))
+
+
+def _components(poses: Observations) -> int:
+    """Return how many independent components the error of a pose has, however many targets."""
+    return min(3, len(poses.measured.position_columns))
