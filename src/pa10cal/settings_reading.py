@@ -88,6 +88,8 @@ def _refusal(
     path, kind, value = _path_of(section, raw, first["loc"]), first["type"], first.get("input")
     if kind == "extra_forbidden":
         return _unknown_key(section, path, where)
+    if kind.startswith("union_tag"):
+        return _not_one_of(path, first, where)
     if kind == "missing" and path and path[-1].isdigit():
         return _too_few(section, path, findings, where)
     if kind == "missing":
@@ -100,7 +102,10 @@ def _refusal(
     )
     if wants_text and (misread := _misread_by_yaml(value)):
         return _no_text(path, value, misread, where)
-    return _misfit(section, path, first, where)
+    # A value of many types has a finding for each of them.
+    places = [_path_of(section, raw, each["loc"]) for each in findings if each is not first]
+    many = any(place and place[: len(path)] == path[: len(place)] for place in places)
+    return _misfit(section, path, first, where, many=many)
 
 
 def _path_of(section: type[BaseModel], raw: object, loc: tuple[int | str, ...]) -> tuple[str, ...]:
@@ -175,6 +180,24 @@ def _too_few(
     )
 
 
+def _not_one_of(path: tuple[str, ...], finding: ErrorDetails, where: str) -> SettingsError:
+    """Say which words the key may have that decides what other keys there are."""
+    stated = finding.get("ctx", {})
+    key = _key((*path, stated["discriminator"].strip("'")))
+    if "tag" not in stated:
+        return SettingsError(
+            f"missing key {key}", where=where, allowed="a word", remedy=f"set {key}"
+        )
+    words, tag = stated["expected_tags"], str(stated["tag"])
+    return SettingsError(
+        f"key {key} does not fit",
+        where=where,
+        value=tag,
+        allowed=words,
+        remedy=remedy_for(tag, words.replace("'", "").split(", "), f"set {key} accordingly"),
+    )
+
+
 def _empty_section(section: type[BaseModel], path: tuple[str, ...], where: str) -> SettingsError:
     """Say which keys there are."""
     return SettingsError(
@@ -200,13 +223,18 @@ def _no_text(
 
 
 def _misfit(
-    section: type[BaseModel], path: tuple[str, ...], finding: ErrorDetails, where: str
+    section: type[BaseModel],
+    path: tuple[str, ...],
+    finding: ErrorDetails,
+    where: str,
+    *,
+    many: bool,
 ) -> SettingsError:
     """Say what a value should be: by its rule, or by its meaning where it may be of many types."""
     allowed = finding["msg"]
     for own, plain in (("Value error, ", ""), ("Input should be ", ""), ("valid tuple", "list")):
         allowed = allowed.replace(own, plain)
-    if finding["type"] != "value_error" and len(path) < len(finding["loc"]):
+    if finding["type"] != "value_error" and many:
         allowed = _meaning_of(section, path) or allowed
     return SettingsError(
         f"key {_key(path)} does not fit",

@@ -17,7 +17,7 @@ from pa10cal_curve import roll
 from pa10cal_curve.angles import JointAngles, chain_points, first_axes, joint_angles
 from pa10cal_curve.curve import Curve, circle, helix, line, serpenoid
 from pa10cal_curve.options import CircleShape, CurveOptions, HelixShape, LineShape, Shape
-from pa10cal_curve.points import CurvePoints, equal_links, lay_points
+from pa10cal_curve.points import CurvePoints, equal_links, farthest_m, lay_points
 from pa10cal_curve.records import CurveRecord, CurveShape
 
 
@@ -90,6 +90,14 @@ def _points_on(curve: Curve, options: CurveOptions, *, all_links: bool) -> Curve
         assert options.links is not None  # the options have one of the two
         return equal_links(curve, options.links)
     points = lay_points(curve, options.link_m, options.links)
+    if not points.n:
+        raise CurveError(
+            "the curve stays within a link's length of its beginning",
+            where="link_m",
+            value=options.link_m,
+            allowed="less than the curve gets away from where it begins",
+            remedy="take shorter links",
+        )
     if all_links and points.n != options.links:
         raise CurveError(
             "the links do not fit on the curve",
@@ -182,7 +190,7 @@ def laid(curve: Curve, options: CurveOptions) -> tuple[CurveRecord, dict[str, Co
     if limits is not None:
         chain = roll.RollMap.of(points.directions, options.order)
         free = tuple(map(tuple, np.degrees(roll.feasible_rolls(chain, limits)).tolist()))
-    shapes = tuple(map(_shape, gait.time_s, gait.points, gait.joints, gait.roll_rad))
+    shapes = tuple(map(_shape, gait.time_s, gait.curves, gait.points, gait.joints, gait.roll_rad))
     record = CurveRecord(
         link_m=points.link_m,
         links=points.n,
@@ -196,7 +204,9 @@ def laid(curve: Curve, options: CurveOptions) -> tuple[CurveRecord, dict[str, Co
     return record, _tables(gait)
 
 
-def _shape(time_s: float, points: CurvePoints, joints: JointAngles, roll_rad: float) -> CurveShape:
+def _shape(
+    time_s: float, curve: Curve, points: CurvePoints, joints: JointAngles, roll_rad: float
+) -> CurveShape:
     chords_m = np.linalg.norm(np.diff(points.p_m, axis=0), axis=1)
     back_m = chain_points(
         joints.a_rad, joints.b_rad, joints.order, joints.axes[0], points.p_m[0], points.link_m
@@ -207,6 +217,7 @@ def _shape(time_s: float, points: CurvePoints, joints: JointAngles, roll_rad: fl
         ending_is=points.ending.value,
         left_m=points.left_m,
         gap_m=points.gap_m,
+        deviation_m=farthest_m(curve, points),
         touches=tuple((np.flatnonzero(points.touches) + 1).tolist()),
         open_joints=tuple((np.flatnonzero(joints.open) + 1).tolist()),
         roll_deg=float(np.degrees(roll_rad)),

@@ -106,8 +106,17 @@ class CurveOptions(Section):
         if self.roll == "most_room" and self.limits is None:
             raise ValueError("limits, where the roll is to leave the most room within them")
         gait = self.gait
+        rolling = gait is not None and gait.moves == "roll"
+        if self.roll_deg and self.roll != "given" and not rolling:
+            raise ValueError("roll: given, where roll_deg is stated")
+        if self.roll != "of_last" and self.z_of_last != (0.0, 0.0, 1.0):
+            raise ValueError("roll: of_last, where z_of_last is stated")
+        if self.curve is not None and self.through != "spline":
+            raise ValueError("through for points alone, no shape by name")
         if gait is None:
             return self
+        if gait.move_deg and (rolling or self.roll == "given"):
+            raise ValueError("a wave at roll smallest_angle, where move_deg is stated")
         if self.link_m is None or self.links is None or self.links < 2:
             raise ValueError("link_m and two links or more, where the shape moves")
         if gait.period_s == 0.0:

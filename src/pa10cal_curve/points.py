@@ -22,6 +22,8 @@ _MOST_LINKS = 10_000_000
 #: Gauss's rule for arc length: nodes from -1 to 1, and the least number of parts of a curve.
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
 _PARTS = 16
+#: Places at which the distance of the curve from a link is looked at, its middle one of them.
+_PLACES_A_LINK = 33
 #: The search for a length goes on in steps of this factor, to so much shorter links at most.
 _TIMES, _MOST_TIMES = 1.1, 1e3
 _FINEST = 4.0 * float(np.finfo(float).eps)
@@ -149,6 +151,28 @@ def arc_length_m(curve: Curve, low: float, high: float) -> float:
     _, v = curve.with_velocity(at.ravel())
     speed = np.linalg.norm(v, axis=1).reshape(at.shape)
     return float((half * speed * _WEIGHTS).sum())
+
+
+def farthest_m(curve: Curve, points: CurvePoints) -> float:
+    """Return how far the curve is from its links at most, where these stand for it [m].
+
+    Each place is measured to the link over it; exactly of a polyline, to a thousandth of an arc.
+    """
+    bounds, farthest = curve.bounds, 0.0
+    share = np.linspace(0.0, 1.0, _PLACES_A_LINK)
+    for first in range(0, points.n, _LARGEST_BLOCK):
+        t = points.t[first : first + _LARGEST_BLOCK + 1]
+        inner = bounds.edges[(bounds.edges > t[0]) & (bounds.edges < t[-1])]
+        even = t[:-1, None] + np.diff(t)[:, None] * share
+        at = np.concatenate([even.ravel(), inner])
+        link = (np.searchsorted(t, at, "right") - 1).clip(0, len(t) - 2)
+        link[: even.size] = np.repeat(np.arange(len(t) - 1), _PLACES_A_LINK)
+        along = points.directions[first : first + len(t) - 1][link]
+        away_m = curve.at(at) - points.p_m[first + link]
+        on_link_m = (away_m * along).sum(axis=1).clip(0.0, points.link_m)
+        off_m = np.linalg.norm(away_m - on_link_m[:, None] * along, axis=1)
+        farthest = max(farthest, float(off_m.max()))
+    return farthest
 
 
 def _lay(curve: Curve, link_m: float, wanted: int) -> CurvePoints:

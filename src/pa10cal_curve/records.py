@@ -124,6 +124,8 @@ class CurveShape(record.Part):
     ending_is: str  # the same in words
     left_m: float  # length of the curve that remains beyond the chain [m]
     gap_m: float  # distance from the chain's end to the curve's end [m]
+    # largest distance of the curve from the link over it, as far as the links go [m]
+    deviation_m: float
     touches: tuple[int, ...]  # links that only touch the curve, from 1
     open_joints: tuple[int, ...]  # joints whose first turn is undetermined, from 1
     roll_deg: float  # roll of the first link [deg]
@@ -151,7 +153,8 @@ class CurveRecord(record.Record):
     def line(self) -> str:
         """Return in one line what was laid."""
         text = (
-            f"{self.links} links of {self.link_m:.6g} m, {self.shapes[0].ending_is}; largest "
+            f"{self.links} links of {self.link_m:.6g} m, {self.shapes[0].ending_is}; the curve is "
+            f"{max(shape.deviation_m for shape in self.shapes):.3g} m from a link at most; largest "
             f"joint angle {self.largest_angle_deg:.4g} degrees"
         )
         moves = self.settings["gait"] is not None

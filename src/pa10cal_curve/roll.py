@@ -153,8 +153,8 @@ def joint_limits(a_rad: Array, b_rad: Array, joints: int) -> Array:
         if not least <= most:
             raise CurveError(
                 f"the limits of {name} are invalid",
-                where="joint 1",
-                value=[least, most],
+                where="limits",
+                value=f"{np.degrees(least):g} to {np.degrees(most):g} degrees",
                 allowed="two angles, the least first",
                 remedy="correct the limits",
             )

@@ -77,10 +77,13 @@ def read_curve_points(path: Path) -> Array:
     except (OSError, ValueError) as error:
         raise refusal(1, "the points cannot be read", reason(error), "UTF-8 CSV") from None
     header = [name.strip() for name in rows[0][1]] if rows else []
-    unit = next((unit for unit in _UNITS_M if f"x_{unit}" in header), None)
+    units = [unit for unit in _UNITS_M if f"x_{unit}" in header]
+    allowed = "columns x_m, y_m, z_m or x_mm, y_mm, z_mm"
+    if len(units) > 1:
+        raise refusal(1, "the points stand there twice", ", ".join(header), allowed)
+    unit = units[0] if units else "m"
     names = [f"{axis}_{unit}" for axis in "xyz"]
-    if unit is None or not set(names) <= set(header):
-        allowed = "columns x_m, y_m, z_m or x_mm, y_mm, z_mm"
+    if not set(names) <= set(header):
         raise refusal(1, "a coordinate has no column", ", ".join(header), allowed)
     points = np.empty((len(rows) - 1, 3))
     for k, (line, row) in enumerate(rows[1:]):

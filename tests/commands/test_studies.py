@@ -123,7 +123,10 @@ def test_gaits(run, name):
     [
         ({"curve": HELIX}, "allowed: link_m, links, or both"),
         ({"curve": {**HELIX, "radius": 1}, "link_m": 0.1}, "unknown key"),
-        ({"curve": {"shape": "knot"}, "link_m": 0.1}, "curve does not fit"),
+        (
+            {"curve": {"shape": "knot"}, "link_m": 0.1},
+            "key curve.shape does not fit (got 'knot'); allowed: 'line', 'circle'",
+        ),
         ({"link_m": 0.1}, "--points, curve: the curve is given twice or not at all"),
         ({"curve": HELIX, "link_m": 9.0}, "link_m: the link is longer than the curve (got 9.0)"),
         ({"curve": HELIX, "link_m": 0.1, "roll": "most_room"}, "limits, where the roll"),

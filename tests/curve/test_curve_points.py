@@ -22,6 +22,7 @@ def test_metres_and_millimetres_in_any_order_of_columns(tmp_path):
     [
         (b"x_m,y_m\n1,2\n", r"p.csv:1: a coordinate has no column \(got 'x_m, y_m'\)"),
         (b"", "p.csv:1: a coordinate has no column"),
+        (b"x_m,y_m,z_m,x_mm,y_mm,z_mm\n", "p.csv:1: the points stand there twice"),
         (b"x_m,y_m,z_m\n0,0,0\n\n1,nan,2\n", r"p.csv:4: y_m is not a finite number \(got 'nan'\)"),
         (b"x_m,y_m,z_m\n0,0,0\n1,2\n", r"p.csv:3: z_m is not a finite number \(got ''\)"),
         (b"x_m,y_m,z_m\n0;0;0\n", "p.csv:2: x_m is not a finite number"),

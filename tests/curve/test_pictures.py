@@ -24,6 +24,7 @@ def results():
         ending_is="exact",
         left_m=0.0,
         gap_m=0.0,
+        deviation_m=0.0,
         touches=(),
         open_joints=(),
         roll_deg=12.34,

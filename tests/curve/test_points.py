@@ -21,7 +21,14 @@ from pa10cal_curve.curve import (
     spline_through,
     uniform_bounds,
 )
-from pa10cal_curve.points import NONE, Ending, equal_links, first_crossing, lay_points
+from pa10cal_curve.points import (
+    NONE,
+    Ending,
+    equal_links,
+    farthest_m,
+    first_crossing,
+    lay_points,
+)
 
 
 @pytest.mark.parametrize(
@@ -322,3 +329,32 @@ def test_the_end_of_the_curve_counts():
     t, p_m = start_of(curve)
     assert first_crossing(curve, t, p_m, 1.0).t == pytest.approx(curve.bounds.end, rel=1e-9)
     assert first_crossing(curve, curve.bounds.end, np.array([1.0, 0, 0]), 0.1) is None
+
+
+@pytest.mark.parametrize("link_m", [0.9, 0.1, 1e-3])
+def test_a_circle_is_as_far_from_its_links_as_their_sagitta(link_m):
+    circle_m = circle(1.0, 5.0)
+    sagitta_m = 1.0 - np.sqrt(1.0 - link_m**2 / 4.0)
+    assert farthest_m(circle_m, lay_points(circle_m, link_m)) == pytest.approx(sagitta_m, abs=1e-15)
+
+
+def test_a_polyline_is_farthest_from_its_links_where_it_bends():
+    bent = polyline(np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0]]))
+    points = lay_points(bent, 0.3, 4)  # the fourth link goes from (0.9, 0, 0) past the corner
+    x, y, _ = points.p_m[4] - points.p_m[3]
+    assert farthest_m(bent, points) == pytest.approx(0.1 * y / np.hypot(x, y), rel=1e-9)
+    assert farthest_m(bent, lay_points(bent, 0.3, 3)) < 1e-15
+
+
+@given(seed=st.integers(0, 2**32 - 1), link_m=st.floats(0.05, 1.0))
+@examples(20)
+def test_no_place_is_farther_from_its_link_than_stated(seed, link_m):
+    curve = tight_spline(np.random.default_rng(seed))
+    points = lay_points(curve, link_m, most=12)
+    assume(points.n)
+    seen = 0.0
+    for k, u in enumerate(points.directions):
+        away = curve.at(np.linspace(points.t[k], points.t[k + 1], 2001)) - points.p_m[k]
+        beside = np.clip(away @ u, 0.0, link_m)[:, None] * u
+        seen = max(seen, np.linalg.norm(away - beside, axis=1).max())
+    assert farthest_m(curve, points) == pytest.approx(seen, rel=0.02)
