@@ -31,7 +31,7 @@ from pa10cal.datasets.measured import (
 )
 from pa10cal.datasets.measured import main as write_page
 from pa10cal.errors import SettingsError
-from pa10cal.results.codec import read
+from pa10cal.results.codec import read, write
 from pa10cal.results.evaluation import TransferRecord
 from pa10cal.results.outcomes import (
     Carried,
@@ -175,6 +175,22 @@ def test_without_a_campaign_it_says_how_to_come_by_one(tmp_path, capsys):
     words = ["measured", "--results", str(tmp_path), "--out", str(tmp_path)]
     assert main(words) == REFUSED
     assert "no measured campaign is at hand" in capsys.readouterr().err
+
+
+def test_campaigns_go_by_the_names_of_their_folders(tmp_path, monkeypatch, capsys):
+    folders = [tmp_path / "a/arm", tmp_path / "b/arm"]
+    for folder in folders:
+        folder.mkdir(parents=True)
+    words = ["measured", "--results", str(tmp_path), "--out", str(tmp_path), "--campaign-dir"]
+    assert main([*words, *map(str, folders)]) == REFUSED
+    assert "two folders of campaigns have one name" in capsys.readouterr().err
+    refused = ChainRecord(campaign="arm", status="refused", stage="ingest", message="no rows")
+    (tmp_path / "arm").mkdir()
+    write(refused, tmp_path / "arm/chain.json")
+    monkeypatch.chdir(folders[0])
+    assert main([*words, "."]) == 0
+    (row,) = read(MeasuredRobotsRecord, tmp_path / "measured.json").robots
+    assert (row.campaign, row.message) == ("arm", "ingest: no rows")
 
 
 def test_at_hand_are_folders_of_campaigns_and_data_sets_that_were_fetched(tmp_path):

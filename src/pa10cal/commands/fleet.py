@@ -192,7 +192,15 @@ def measured(
             remedy="fetch one, as by pa10cal fetch titan-robot-accuracy --out "
             "data/measured/titan-robot-accuracy, or name such a folder: --config measured_dir=…",
         )
-    folders = {folder.name: folder for folder in campaign_dir}
+    folders = {folder.absolute().name: folder for folder in campaign_dir}
+    if len(folders) < len(campaign_dir):
+        raise SettingsError(
+            "two folders of campaigns have one name",
+            where="--campaign-dir",
+            value=", ".join(map(str, campaign_dir)),
+            allowed="a name for each, which is that of its folder of results",
+            remedy="rename one, or name it once",
+        )
     carried: dict[tuple[str, str], Path | str] = {}  # file of errors, or message of a refusal
     for source, target in CARRIED:
         if not {source, target} <= set(folders):
