@@ -11,6 +11,7 @@ from pa10cal.arm.chain import Chain
 from pa10cal.arm.workspace import PosturePoints, clearance_m
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.read import read_campaign
+from pa10cal.discovery.blocked_cv.as_repeated import as_repeated
 from pa10cal.discovery.evidence.candidates import split_testable
 from pa10cal.discovery.evidence.fit import EvidenceFit, fit
 from pa10cal.discovery.evidence.noise_model import NO_SHARED_ERROR
@@ -25,8 +26,9 @@ from pa10cal.discovery.next_poses import (
 )
 from pa10cal.discovery.preparation import setup_of
 from pa10cal.discovery.rules import EVIDENCE, PROBABILITIES
-from pa10cal.discovery.separation import as_repeated, predicted, separation_criteria
+from pa10cal.discovery.separation import separation_criteria
 from pa10cal.discovery.tuning import NEXT_POSES
+from pa10cal.discovery.unmeasured_poses import as_if_measured
 from pa10cal.errors import DiscoveryError
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.validity import AngleCoverage, angles_seen
@@ -202,7 +204,7 @@ def test_a_pair_of_unknown_quantities_leaves_all_others_as_they_are(ratio, found
     states = replace(ratio.problem.cells.states, static_loads=None).take(np.arange(8))
     states = replace(states, tau_Nm=np.full(states.tau_Nm.shape, np.nan))
     states = replace(states, temperature_C=np.full(8, np.nan))
-    ahead = predicted(ratio.problem, found_first.fit, states)
+    ahead = as_if_measured(ratio.problem, found_first.fit, states)
     (alone,) = separation_criteria(ratio.problem, found_first.fit, [pair], ahead)
     both = separation_criteria(ratio.problem, found_first.fit, [pair, unknown], ahead)
     assert both[0].gains() == pytest.approx(alone.gains())
@@ -252,7 +254,9 @@ def test_what_is_predicted_is_what_was_measured(ratio):
     measured = readings.take(rows)
     states = measured.states
     nan = np.full(states.tau_Nm.shape, np.nan)
-    ahead = predicted(ratio.problem, ratio.start, replace(states, tau_Nm=nan, static_loads=None))
+    ahead = as_if_measured(
+        ratio.problem, ratio.start, replace(states, tau_Nm=nan, static_loads=None)
+    )
     poses = ahead.cells
     assert poses.measured.T_instr_target[:, :3, 3] == pytest.approx(
         measured.measured.T_instr_target[:, :3, 3], abs=5e-4
@@ -279,7 +283,7 @@ def test_torques_that_no_mass_explains_are_not_predicted(ratio):
     partly = problem.readings.with_states(replace(states, tau_Nm=tau_Nm))
     for readings in (problem.readings, partly):
         with pytest.raises(DiscoveryError, match="torques cannot be predicted"):
-            predicted(replace(without_masses, readings=readings), ratio.start, ahead)
+            as_if_measured(replace(without_masses, readings=readings), ratio.start, ahead)
     model = ratio.start.at.model
     rigid = replace(model, terms=tuple(term for term in model.terms if not yields(term)))
     at = ratio.start.at
@@ -287,7 +291,7 @@ def test_torques_that_no_mass_explains_are_not_predicted(ratio):
     stiff = replace(ratio.start, at=replace(at, model=rigid, x=x))
     baseline = replace(problem.baseline, model=rigid, x=x)
     known = replace(without_masses, readings=partly, baseline=baseline)
-    assert predicted(known, stiff, ahead).torque is None
+    assert as_if_measured(known, stiff, ahead).torque is None
 
 
 def test_some_of_very_many_poses_stand_for_all(eccentric, monkeypatch):
@@ -304,11 +308,12 @@ def test_some_of_very_many_poses_stand_for_all(eccentric, monkeypatch):
     values = []
     for most in (1000, len(scorer.survey.poses) // 2):
         monkeypatch.setattr(
-            "pa10cal.discovery.separation.NEXT_POSES", replace(NEXT_POSES, most_measured=most)
+            "pa10cal.discovery.blocked_cv.as_repeated.NEXT_POSES",
+            replace(NEXT_POSES, most_measured=most),
         )
         problem, found = as_repeated(scorer.survey, scorer.extended, scorer.noise)
         pair = (finding.effect, rival)
-        ahead = predicted(problem, found, states)
+        ahead = as_if_measured(problem, found, states)
         values.append(separation_criteria(problem, found, [pair], ahead)[0].values.max())
     assert values[1] == pytest.approx(values[0], rel=0.05)
 

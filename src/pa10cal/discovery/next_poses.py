@@ -22,8 +22,9 @@ from pa10cal.discovery.evidence.fit import EvidenceFit
 from pa10cal.discovery.evidence.problem import EvidenceProblem
 from pa10cal.discovery.finding import Finding, Untestable, label_of
 from pa10cal.discovery.preparation import targets_m
-from pa10cal.discovery.separation import predicted, separation_criteria
+from pa10cal.discovery.separation import separation_criteria
 from pa10cal.discovery.tuning import NEXT_POSES
+from pa10cal.discovery.unmeasured_poses import as_if_measured
 from pa10cal.discovery.verdict import Plan
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.validity import AngleCoverage, span_visited
@@ -191,7 +192,8 @@ def separating_poses(
         return Plan((), ())
     pool = _pool(problem, random_seed)
     count = min(count, len(pool))
-    criteria = separation_criteria(problem, found, list(asked), predicted(problem, found, pool))
+    candidates = as_if_measured(problem, found, pool)
+    criteria = separation_criteria(problem, found, list(asked), candidates)
     before_nats = Combined(criteria).values  # of each pair, by the measured poses
     hidden = PairProbability(0.5 * NEXT_POSES.hidden, 0.5 * NEXT_POSES.hidden)
     odds = tuple(known or hidden for known in asked.values())

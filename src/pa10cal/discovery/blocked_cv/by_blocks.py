@@ -17,6 +17,7 @@ from typing_extensions import override
 from pa10cal.arrays import Array, Index, drawn
 from pa10cal.discovery import jacobians
 from pa10cal.discovery.blocked_cv import judge
+from pa10cal.discovery.blocked_cv.as_repeated import as_repeated
 from pa10cal.discovery.blocked_cv.bands import InBands
 from pa10cal.discovery.blocked_cv.by_campaign import by_campaign, contradictions_left
 from pa10cal.discovery.blocked_cv.map_causes import NamedMap, causes_of, named_by_cause
@@ -46,7 +47,6 @@ from pa10cal.discovery.preparation import Prepared, complete
 from pa10cal.discovery.refitted_verdict import with_findings
 from pa10cal.discovery.residual_candidates import stroke_waves
 from pa10cal.discovery.rules import BLOCKS, NAMES, PROBABILITIES
-from pa10cal.discovery.separation import as_repeated
 from pa10cal.discovery.short_forms import FormComparison
 from pa10cal.discovery.target_wander import in_words
 from pa10cal.discovery.together import Together
