@@ -17,7 +17,7 @@ from mended import findings
 from pa10cal import calibrate
 from pa10cal.arm.chain import Chain
 from pa10cal.calibration.joint_slips import joint_zeros
-from pa10cal.calibration.log_changes import LogChange
+from pa10cal.calibration.log_changes import ReorderedColumns, ReversedSigns
 from pa10cal.calibration.rules import CHECKS
 from pa10cal.campaign.read import read_campaign
 from pa10cal.discovery.log_faults import faults_of_input
@@ -155,8 +155,8 @@ def test_the_zero_of_a_joint_after_one_that_follows_has_its_own_number_and_colum
 
 def test_signs_and_exchanges_name_the_joints_that_the_axes_drive():
     arm = SimpleNamespace(coupling=SimpleNamespace(own=np.array([0, 1, 3, 4, 5])))
-    assert LogChange("joint_sign", (3,)).text(arm) == "the sign of joint 4 is reversed"
-    assert LogChange("joint_order", (3, 2)).text(arm) == "joints 2 and 4 are exchanged"
+    assert ReversedSigns((3,)).text(arm) == "the sign of joint 4 is reversed"
+    assert ReorderedColumns.exchanged(5, 2, 3).text(arm) == "joints 2 and 4 are exchanged"
 
 
 @pytest.mark.slow_but_one_in(2)

@@ -11,7 +11,13 @@ import pytest
 import yaml
 from benchmarks.couplings import industrial, scara, telescope
 
-from pa10cal.calibration.log_changes import ChangedLog, LogChange
+from pa10cal.calibration.log_changes import (
+    ChangedLog,
+    CoupledAxes,
+    LogChange,
+    ReorderedColumns,
+    ReversedSigns,
+)
 from pa10cal.campaign.column_map import ColumnMap
 from pa10cal.files.arms import parse_arm
 
@@ -27,15 +33,19 @@ ARMS = {
 
 
 def reversal(*axes):
-    return LogChange("joint_sign", axes)
+    return ReversedSigns(axes)
 
 
-def in_columns(*axes):
-    return LogChange("joint_order", axes)
+def in_columns(*columns):
+    return ReorderedColumns(columns)
+
+
+def exchange(one, other):
+    return ReorderedColumns.exchanged(6, one, other)
 
 
 def coupling(axis, by, factor):
-    return LogChange("joint_coupling", (axis, by), factor)
+    return CoupledAxes(axis, by, factor)
 
 
 def log_of(name, *changes):
@@ -80,12 +90,12 @@ CHANGES: dict[str, tuple[str, list[LogChange]]] = {
     "a shift": ("coupled", [in_columns(2, 3, 4, 5, 6, 1), reversal(4)]),
     "three exchanges that are one": (
         "plain",
-        [in_columns(2, 1), in_columns(3, 2), in_columns(2, 1)],
+        [exchange(1, 2), exchange(2, 3), exchange(1, 2)],
     ),
     "a coupling, then a sign": ("plain", [coupling(3, 2, 1.0), reversal(3)]),
     "a sign, then a coupling": ("plain", [reversal(2), coupling(3, 2, 1.0)]),
     "couplings of couplings": ("plain", [coupling(5, 4, 1.0), coupling(6, 5, -1.0)]),
-    "a coupling less": ("coupled", [coupling(3, 2, -1.0), in_columns(6, 4)]),
+    "a coupling less": ("coupled", [coupling(3, 2, -1.0), exchange(4, 6)]),
     "a screw and a sign": ("quill", [coupling(3, 4, 0.003), reversal(4)]),
     "a motor of two slides": ("one motor", [coupling(4, 2, 1.0), reversal(3)]),
 }

@@ -14,7 +14,15 @@ from dataclasses import replace
 import numpy as np
 
 from pa10cal.calibration.checked_campaign import CheckedCampaign
-from pa10cal.calibration.log_changes import CHECK_ALL, ChangedLog, LogChange, set_offsets
+from pa10cal.calibration.log_changes import (
+    CHECK_ALL,
+    ChangedLog,
+    CoupledAxes,
+    LogChange,
+    ReorderedColumns,
+    ReversedSigns,
+    set_offsets,
+)
 from pa10cal.calibration.rules import CHECKS
 from pa10cal.campaign.conventions import STILL_WRONG
 from pa10cal.numerics.least_squares import best_candidate
@@ -27,45 +35,45 @@ def _sign_and_order_changes(log: ChangedLog) -> Iterator[LogChange]:
     """Yield reversed signs, exchanged axes of one kind, and shifted columns."""
     slides = log.checked.arm.axes_slide
     axes = range(1, len(slides) + 1)
-    yield from (LogChange("joint_sign", some) for some in (tuple(axes), *((k,) for k in axes)))
+    yield from (ReversedSigns(some) for some in (tuple(axes), *((k,) for k in axes)))
     # Of equally good exchanges the first is taken, so neighbours come first.
-    for pair in sorted(itertools.combinations(axes, 2), key=lambda pair: pair[1] - pair[0]):
-        if slides[pair[0] - 1] == slides[pair[1] - 1]:
-            yield LogChange("joint_order", pair[::-1])
+    for one, other in sorted(itertools.combinations(axes, 2), key=lambda pair: pair[1] - pair[0]):
+        if slides[one - 1] == slides[other - 1]:
+            yield ReorderedColumns.exchanged(len(slides), one, other)
     if len(slides) > 2 and not log.changes:
         for by in axes[:-1]:
             columns = np.roll(np.arange(len(slides)), by)
             if np.array_equal(slides[columns], slides):
-                yield LogChange("joint_order", tuple((columns + 1).tolist()))
+                yield ReorderedColumns(tuple((columns + 1).tolist()))
 
 
-def _couplings(log: ChangedLog) -> Iterator[LogChange]:
+def _couplings(log: ChangedLog) -> Iterator[CoupledAxes]:
     """Yield axes that move as far as another of their kind, or against it, neighbours first."""
     slides = log.checked.arm.axes_slide
     pairs = itertools.permutations(range(1, len(slides) + 1), 2)
     for axis, by in sorted(pairs, key=lambda pair: abs(pair[0] - pair[1])):
         if slides[axis - 1] == slides[by - 1]:
-            yield from (LogChange("joint_coupling", (axis, by), factor) for factor in (1.0, -1.0))
+            yield from (CoupledAxes(axis, by, factor) for factor in (1.0, -1.0))
 
 
 def _screws(
     log: ChangedLog, error: Callable[[ChangedLog], float], step_mm: float
-) -> Iterator[LogChange]:
+) -> Iterator[CoupledAxes]:
     """Yield axes that slide as a neighbour turns, each with the pitch of the least error."""
     slides = log.checked.arm.axes_slide
     for axis in np.flatnonzero(slides) + 1:
         for by in (axis - 1, axis + 1):
             if not 1 <= by <= len(slides) or slides[by - 1]:
                 continue
-            start = LogChange("joint_coupling", (int(axis), int(by)))
+            start = CoupledAxes(int(axis), int(by), 0.0)
             screw = _with_best_pitch(start, lambda each: error(log.with_change(each)), step_mm)
             if screw is not None:
                 yield screw
 
 
 def _with_best_pitch(
-    screw: LogChange, error: Callable[[LogChange], float], step_mm: float
-) -> LogChange | None:
+    screw: CoupledAxes, error: Callable[[CoupledAxes], float], step_mm: float
+) -> CoupledAxes | None:
     """Return a screw with the pitch of the least error; None where the error has no minimum.
 
     The square of the error is nearly a parabola of the pitch: it is computed at the pitch of the
@@ -133,11 +141,11 @@ def _with_pitches_calibrated(log: ChangedLog) -> ChangedLog:
     """
     checked, changes = log.checked, list(log.changes)
     for k, change in enumerate(log.changes):
-        if change.factor in (-1.0, 0.0, 1.0):
+        screw = change.as_screw
+        if screw is None:
             continue
-        screw = change
 
-        def error(screw: LogChange, k: int = k) -> float:
+        def error(screw: CoupledAxes, k: int = k) -> float:
             changed = replace(log, changes=(*changes[:k], screw, *changes[k + 1 :]))
             return checked.calibrated_mm(checked.payload, changed.q)[0]
 
@@ -178,7 +186,7 @@ def small_signs(checked: CheckedCampaign) -> InputFinding | None:
     if not checked.above_noise:
         return None
     log = ChangedLog(checked)
-    neighbours = (each for each in _couplings(log) if abs(each.axes[0] - each.axes[1]) == 1)
+    neighbours = (each for each in _couplings(log) if abs(each.axis - each.by) == 1)
     limit_m = CHECKS.worth_trying * log.nominal_m
     tried = []
     for change in (*_sign_and_order_changes(log), *neighbours):

@@ -7,18 +7,19 @@ added to another. Axes are numbered from 1, and positions (P, m) are in radians 
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import ClassVar
 
 import numpy as np
+from typing_extensions import override
 
 from pa10cal.arm.coupling import CoupledJoint
 from pa10cal.arm.description import Arm, neighbouring_axes
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, Index
 from pa10cal.calibration.checked_campaign import CheckedCampaign
 from pa10cal.calibration.rules import UNKNOWNS
-from pa10cal.campaign.column_map import ColumnMap
 from pa10cal.campaign.conventions import STILL_WRONG
 from pa10cal.files.coupling import coupling_in_words, set_coupling
 from pa10cal.numerics.least_squares import may_be_within
@@ -28,61 +29,132 @@ from pa10cal.results.calibration import InputFinding
 CHECK_ALL = "check robot, and order, signs, zeros and units of all joints"
 
 
-@dataclass(frozen=True)
-class LogChange:
+class LogChange(ABC):
     """A change of what the controller is taken to count."""
 
-    kind: Literal["joint_sign", "joint_order", "joint_coupling"]  # that of the finding
-    # axes of another sign; columns in which axes stand, the lowest axis first, of another order; or
-    # an axis, and that with which it moves
-    axes: tuple[int, ...]
-    factor: float = 0.0  # motion of the first for one of the second [rad/rad, m/rad or rad/m]
+    kind: ClassVar[str]  # of the finding that reports it
+    couples: ClassVar[bool] = False  # whether an axis then moves with another
 
+    @property
+    @abstractmethod
+    def axes(self) -> tuple[int, ...]:
+        """Return the axes concerned, in the order in which they are reported."""
+
+    @abstractmethod
     def apply(self, positions: Array) -> Array:
         """Return positions of axes (P, m) with the change made."""
-        changed, columns = positions.copy(), [axis - 1 for axis in self.axes]
-        if self.kind == "joint_sign":
-            changed[:, columns] *= -1.0
-        elif self.kind == "joint_order":
-            changed[:, sorted(columns)] = positions[:, columns]
-        else:
-            changed[:, columns[0]] += self.factor * positions[:, columns[1]]
-        return changed
 
+    @abstractmethod
     def text(self, arm: Arm) -> str:
         """Return what seems wrong."""
-        first, *others = joints = self.joints(arm)
-        if self.kind == "joint_sign":
-            which = f"sign of joint {first} is"
-            if others:
-                every = len(joints) == len(arm.coupling.own)
-                of = "all joints" if every else f"joints {', '.join(map(str, joints))}"
-                which = f"signs of {of} are"
-            return f"the {which} reversed"
-        if self.kind == "joint_order":
-            if len(joints) == 2:
-                return "joints {} and {} are exchanged".format(*sorted(joints))
-            return f"the columns are shifted: joint {min(joints)} stands in that of joint {first}"
-        by = others[0]
-        if arm.prismatic[first - 1] and not arm.prismatic[by - 1]:
-            return f"joint {first} slides as joint {by} turns"
-        if first == by + 1:
-            between = neighbouring_axes(arm)[by - 1]
-            row = between.row - 1
-            along = np.sign(np.cos(arm.alpha_rad[row]) * np.cos(arm.beta_rad[row]))
-            if between.parallel and not arm.prismatic[first - 1] and self.factor == -along:
-                return f"joint {first} is logged to the horizontal, not to the link of joint {by}"
-        return f"joint {first} moves with joint {by}"
+
+    @property
+    def as_screw(self) -> CoupledAxes | None:
+        """Return the change if it has a pitch that may be fitted; None else."""
+        return None
 
     def joints(self, arm: Arm) -> tuple[int, ...]:
         """Return the joints, from 1, that the axes drive."""
         return tuple(int(arm.coupling.own[axis - 1]) + 1 for axis in self.axes)
 
-    def where(self, words: ColumnMap) -> str:
-        """Return the names of the columns concerned."""
-        exchange = self.kind == "joint_order" and len(self.axes) == 2
-        axes = sorted(self.axes) if exchange else self.axes
-        return ", ".join(map(words.joint, axes))
+
+@dataclass(frozen=True)
+class ReversedSigns(LogChange):
+    """Axes that are counted the other way round."""
+
+    kind = "joint_sign"
+    reversed_axes: tuple[int, ...]
+
+    @property
+    @override
+    def axes(self) -> tuple[int, ...]:
+        return self.reversed_axes
+
+    @override
+    def apply(self, positions: Array) -> Array:
+        changed = positions.copy()
+        changed[:, [axis - 1 for axis in self.axes]] *= -1.0
+        return changed
+
+    @override
+    def text(self, arm: Arm) -> str:
+        joints = self.joints(arm)
+        if len(joints) == 1:
+            return f"the sign of joint {joints[0]} is reversed"
+        every = len(joints) == len(arm.coupling.own)
+        of = "all joints" if every else f"joints {', '.join(map(str, joints))}"
+        return f"the signs of {of} are reversed"
+
+
+@dataclass(frozen=True)
+class ReorderedColumns(LogChange):
+    """Columns in another order than that of the axes."""
+
+    kind = "joint_order"
+    columns: tuple[int, ...]  # (m,) the column in which each axis stands, from 1
+
+    @classmethod
+    def exchanged(cls, count: int, one: int, other: int) -> ReorderedColumns:
+        """Return the exchange of two of so many axes."""
+        columns = {one: other, other: one}
+        return cls(tuple(columns.get(axis, axis) for axis in range(1, count + 1)))
+
+    @property
+    @override
+    def axes(self) -> tuple[int, ...]:
+        moved = tuple(column for axis, column in enumerate(self.columns, 1) if column != axis)
+        return moved if len(moved) != 2 else (min(moved), max(moved))
+
+    @override
+    def apply(self, positions: Array) -> Array:
+        return positions[:, [column - 1 for column in self.columns]]
+
+    @override
+    def text(self, arm: Arm) -> str:
+        joints = self.joints(arm)
+        if len(joints) == 2:
+            return "joints {} and {} are exchanged".format(*joints)
+        return f"the columns are shifted: joint {min(joints)} stands in that of joint {joints[0]}"
+
+
+@dataclass(frozen=True)
+class CoupledAxes(LogChange):
+    """An axis that moves with another, besides its own motion."""
+
+    kind = "joint_coupling"
+    couples = True
+    axis: int
+    by: int  # the other
+    factor: float  # motion of the first for one of the other [rad/rad, m/rad or rad/m]
+
+    @property
+    @override
+    def axes(self) -> tuple[int, ...]:
+        return self.axis, self.by
+
+    @property
+    @override
+    def as_screw(self) -> CoupledAxes | None:
+        return None if abs(self.factor) in (0.0, 1.0) else self
+
+    @override
+    def apply(self, positions: Array) -> Array:
+        changed = positions.copy()
+        changed[:, self.axis - 1] += self.factor * positions[:, self.by - 1]
+        return changed
+
+    @override
+    def text(self, arm: Arm) -> str:
+        joint, by = self.joints(arm)
+        if arm.prismatic[joint - 1] and not arm.prismatic[by - 1]:
+            return f"joint {joint} slides as joint {by} turns"
+        if joint == by + 1:
+            between = neighbouring_axes(arm)[by - 1]
+            row = between.row - 1
+            along = np.sign(np.cos(arm.alpha_rad[row]) * np.cos(arm.beta_rad[row]))
+            if between.parallel and not arm.prismatic[joint - 1] and self.factor == -along:
+                return f"joint {joint} is logged to the horizontal, not to the link of joint {by}"
+        return f"joint {joint} moves with joint {by}"
 
 
 @dataclass(frozen=True)
@@ -118,29 +190,22 @@ class ChangedLog:
 
     @property
     def _signs_and_order(self) -> tuple[LogChange, ...]:
-        return tuple(each for each in self.changes if each.kind != "joint_coupling")
+        return tuple(each for each in self.changes if not each.couples)
 
     @property
     def remedy(self) -> str:
         """Return what to state in campaign.yaml, so that the changes are made when it is read."""
-        checked, words, changes = self.checked, self.checked.words, self._signs_and_order
-        slides = checked.arm.axes_slide
-        axes = np.arange(1, len(slides) + 1)
+        checked, changes = self.checked, self._signs_and_order
+        axes = np.arange(1, len(checked.signs) + 1)
         # Signed permutation (m, m): the row of its entry is the column in which an axis is logged.
         permutation = _with_changes(np.eye(len(axes)), changes)
         order = np.abs(permutation).argmax(axis=0) + 1
         signs = np.array(checked.signs) @ permutation
         offsets_deg = np.array(checked.offsets_deg) @ permutation
+        reordered = bool((order != axes).any())
         remedies = []
-        reordered = order != axes
-        if reordered.any():
-            names = [f"q{k}_{'mm' if slides[k - 1] else 'deg'}" for k in order]
-            columns = ", ".join(words.joint(int(k)) for k in order)
-            by_hand = f"put the columns in the order {columns}"
-            if reordered.sum() == 2:
-                both = ", ".join(words.joint(int(k)) for k in axes[reordered])
-                by_hand = f"exchange the columns {both}"
-            remedies.append(words.set_names(names) if words.key(names[0]) else by_hand)
+        if reordered:
+            remedies.append(self._set_order(order))
         if (signs != checked.signs).any():
             remedies.append(f"set joint_signs: [{', '.join(str(int(sign)) for sign in signs)}]")
         if (offsets_deg != checked.offsets_deg).any():
@@ -148,9 +213,22 @@ class ChangedLog:
         if self.coupled != checked.arm.coupled:
             remedies.append(set_coupling(self.coupled, checked.arm))
         # An axis that runs the other way may be described so, unless anything else is wrong.
-        only_signs = changes and changes == self.changes and not reordered.any()
+        only_signs = changes and changes == self.changes and not reordered
         also = ", or reverse the axis in the arm's description" if only_signs else ""
         return " and ".join(remedies) + also
+
+    def _set_order(self, order: Index) -> str:
+        """Return the remedy for axes that stand in the columns `order` (m,), from 1."""
+        words, slides = self.checked.words, self.checked.arm.axes_slide
+        names = [f"q{column}_{'mm' if slides[column - 1] else 'deg'}" for column in order]
+        if words.key(names[0]):
+            return words.set_names(names)
+        axes = np.arange(1, len(order) + 1)
+        moved = axes[order != axes]
+        if len(moved) == 2:
+            return f"exchange the columns {', '.join(words.joint(int(axis)) for axis in moved)}"
+        columns = ", ".join(words.joint(int(column)) for column in order)
+        return f"put the columns in the order {columns}"
 
     @property
     def can_be_stated(self) -> bool:
@@ -203,8 +281,8 @@ class ChangedLog:
             now_mm, left_mm: its misfit as logged, and with the changes.
             right: whether the changes put the log right, so that they are the remedy.
         """
-        arm = self.checked.arm
-        couples = any(change.kind == "joint_coupling" for change in self.changes)
+        arm, word = self.checked.arm, self.checked.words.joint
+        couples = any(change.couples for change in self.changes)
         text = " and ".join(change.text(arm) for change in self.changes)
         if couples:
             counted = coupling_in_words(replace(arm, coupled=self.coupled))
@@ -212,8 +290,8 @@ class ChangedLog:
         then = "that is put right" if right else f"so, {STILL_WRONG}"
         joints = [joint for change in self.changes for joint in change.joints(arm)]
         return InputFinding(
-            kind="joint_coupling" if couples else self.changes[0].kind,
-            where="; ".join(change.where(self.checked.words) for change in self.changes),
+            kind=CoupledAxes.kind if couples else self.changes[0].kind,
+            where="; ".join(", ".join(map(word, change.axes)) for change in self.changes),
             what=f"{text}: {fits_to} {now_mm:.3g} mm as logged, {left_mm:.3g} mm if {then}",
             remedy=self.remedy if right else CHECK_ALL,
             would_leave_mm=left_mm,
