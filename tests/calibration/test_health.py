@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pa10cal.calibration import grade_evidence
-from pa10cal.calibration.accuracy import HeldOut, gram
+from pa10cal.calibration.accuracy import HeldOut
 from pa10cal.calibration.fit_summary import FitSummary, poses_needed
 from pa10cal.calibration.grade_evidence import GradeEvidence, large_departures
 from pa10cal.calibration.health import RIGID
@@ -45,7 +45,7 @@ def ended(poses=40, unknowns=6, told=None, named="delta_a", at_bound=None, steps
     made = FitSummary(
         Solution(1e-4 * held, held, 0.0, 5, steps is None, stopped),
         np.arange(len(white)).astype(str), parameters, tuple(roles), departures,
-        covariance, found, white, gram(position),
+        covariance, found, white, position,
         not_identifiable(found, parameters),
     )  # fmt: skip
     return replace(made, **changes)

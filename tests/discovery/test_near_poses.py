@@ -9,8 +9,8 @@ from made_up_poses import measured_poses
 from made_up_survey import ATTITUDE_RAD, POSITION_M, observe
 from pa10cal.arm.statics import PoseStates
 from pa10cal.discovery.near_poses import nearly_same, noise_of_near_poses
-from pa10cal.discovery.position_errors import mean_norm
 from pa10cal.discovery.rules import NOISE
+from pa10cal.fit.position_errors import mean_norm
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,6 @@ import pa10cal
 from made_up_poses import at_rest
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import weights_known
-from pa10cal.calibration.accuracy import position_noise_mm
 from pa10cal.campaign import read as campaign_read
 from pa10cal.campaign.description import CampaignDescription, Masses
 from pa10cal.campaign.table import write_pose_table
@@ -23,6 +22,7 @@ from pa10cal.fit.loads import statics_of
 from pa10cal.fit.logged_torques import without_torque_errors
 from pa10cal.fit.model_reading import load_model
 from pa10cal.fit.model_writing import save_model
+from pa10cal.fit.position_errors import position_noise_mm
 from pa10cal.fit.weighed_arm import weighed_arm, weighed_model, weights_finding
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose

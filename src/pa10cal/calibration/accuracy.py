@@ -1,4 +1,4 @@
-"""Errors of predicted poses: summaries as the paper states them, and those of held-out poses."""
+"""How accurate predictions are: errors of poses in summary, and those of held-out poses."""
 
 from __future__ import annotations
 
@@ -8,18 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arrays import Array, Index, Mask
-from pa10cal.calibration.rules import GRADES
-from pa10cal.calibration.two_level_problem import fit_base_frame
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.tails import far_from_prediction
-from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations, reading_groups
 from pa10cal.observe.paths import HeldOutPlaces
-from pa10cal.observe.pose import Pose
 from pa10cal.observe.quantities import Deviations
-from pa10cal.observe.seed import least_loaded
 from pa10cal.results.evaluation import BETWEEN, UNSEEN, Accuracy, BeforeAfter
-from pa10cal.terms.model import Model
 
 
 def summarise(found: Deviations, rows: NDArray[np.bool_] | slice = slice(None)) -> Accuracy:
@@ -57,111 +51,6 @@ def summarise_trusted(
                 before=summarise(before, rows), after=summarise(after, rows)
             )
     return found
-
-
-def targets_seen(measured: Instrument) -> Array:
-    """Return how many targets were seen in each pose, (P,); 1 where none was."""
-    seen = measured.components_seen[:, measured.position_columns]
-    return np.asarray(np.maximum(1.0, seen.sum(axis=1) // 3))
-
-
-def of_one_target(measured: Instrument, jacobian: Array) -> Array:
-    """Return the position rows (P, c, k) of a derivative (P, b, k), scaled to one target.
-
-    They are divided by the square root of the number of targets seen, so that the sum of squares
-    over all targets becomes their mean.
-    """
-    root = np.sqrt(targets_seen(measured))[:, None, None]
-    return np.asarray(jacobian[:, measured.position_columns] / root)
-
-
-def gram(rows: Array) -> Array:
-    """Return the Gram matrix (k, k) of rows (P, b, k)."""
-    flat = rows.reshape(-1, rows.shape[-1])
-    return np.asarray(flat.T @ flat)
-
-
-def position_noise_mm(measured: Instrument, covariance: Array) -> float:
-    """Return the rms position error of one target by a covariance (P, b, b) of the readings."""
-    columns = measured.position_columns
-    variances = np.diagonal(covariance, axis1=1, axis2=2)[:, columns]
-    seen = np.where(measured.components_seen[:, columns], variances, 0.0)
-    return float(1e3 * np.sqrt(np.mean(seen.sum(axis=1) / targets_seen(measured))))
-
-
-def align_nominal(nominal: Model, observations: Observations[Pose]) -> Array:
-    """Return T_instr_base (4, 4) that aligns the nominal model with the least loaded positions.
-
-    The paper's errors before calibration rest on this alignment: by positions alone, of the poses
-    with the smallest load, which was zero in the paper's campaign; of all where few have it.
-    """
-    unloaded = observations.take(least_loaded(observations))
-    return fit_base_frame(
-        nominal.predict(unloaded.states, np.zeros(0)),
-        unloaded.measured.T_instr_target,
-        attitude_weight_m2=0.0,
-    ).T_instr_base
-
-
-@dataclass(frozen=True)
-class NoisyCampaign:
-    """The campaign of a group whose error exceeds its noise by more than the others' does."""
-
-    name: str
-    error_mm: float  # rms error of its poses
-    noise_mm: float  # the same that its stated noise makes
-    others_mm: float  # rms error of the poses of the other campaigns
-    others_noise_mm: float  # the same that their stated noise makes
-
-    def __str__(self) -> str:
-        return (
-            f"{self.name} alone is noisier than stated: {self.error_mm:.3f} mm rms beside a noise "
-            f"of {self.noise_mm:.3f} mm, the others {self.others_mm:.3f} mm beside "
-            f"{self.others_noise_mm:.3f} mm; check there the resolution of the joints' log, the "
-            "instrument, and how tool and targets are fixed"
-        )
-
-
-def noisy_campaign(poses: Observations, error_mm: Array, covariance: Array) -> NoisyCampaign | None:
-    """Return the campaign of a group that alone is noisier than stated; None for none.
-
-    Args:
-        poses: P poses, of a group or not.
-        error_mm: (P,) their position errors.
-        covariance: (P, b, b) of their readings, as stated.
-    """
-    excess: dict[str, tuple[float, NoisyCampaign]] = {}
-    campaign = np.asarray(poses.states.campaign)
-    for number, (name, _) in enumerate(poses.measured.campaigns):
-        own: Mask = campaign == number
-        if not 0 < own.sum() < len(own):
-            continue
-        (error, noise, u), (others, others_noise, u_others) = (
-            _mean_squares(poses.take(rows), error_mm[rows], covariance[rows])
-            for rows in (own, ~own)
-        )
-        # what it would be if it exceeded its noise by as much as the others do theirs
-        expected = noise + max(others - others_noise, 0.0)
-        more = error - expected
-        surely = more > GRADES.chance_errors * np.hypot(u, u_others)
-        if surely and error > GRADES.over_noise**2 * expected:
-            roots = np.sqrt([error, noise, others, others_noise]).tolist()
-            excess[name] = more, NoisyCampaign(name, *roots)
-    return max(excess.values(), key=lambda found: found[0])[1] if excess else None
-
-
-def _mean_squares(
-    poses: Observations, error_mm: Array, covariance: Array
-) -> tuple[float, float, float]:
-    """Return mean squared errors [mm²]: as found, of noise, and the uncertainty of the first.
-
-    Errors of all targets in a pose may be one error of the arm: they count as one position.
-    """
-    found = float(np.mean(error_mm**2))
-    seen = poses.measured.components_seen[:, poses.measured.position_columns].sum(axis=1)
-    count = float(np.minimum(seen, 3).sum())
-    noise_mm = position_noise_mm(poses.measured, covariance)
-    return found, noise_mm**2, found * float(np.sqrt(2.0 / max(count, 1.0)))
 
 
 @dataclass(frozen=True)

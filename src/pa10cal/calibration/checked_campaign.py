@@ -11,7 +11,6 @@ from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Array, Index, Mask
-from pa10cal.calibration.accuracy import targets_seen
 from pa10cal.calibration.general.calibrate import GeneralCalibration, calibrate_general, find_start
 from pa10cal.calibration.general.fit import fit
 from pa10cal.calibration.options import CalibrationOptions
@@ -183,7 +182,7 @@ def _rms_mm(found: GeneralCalibration) -> float:
     """Return the weighted rms position error of a calibration, of one target [mm]."""
     residual, _, _ = positions_of(found)
     # The error is that of one target; a distance is one component.
-    squares = np.sum(residual**2, axis=1) / targets_seen(found.problem.observations.measured)
+    squares = np.sum(residual**2, axis=1) / found.problem.observations.measured.targets_seen
     return 1e3 * float(np.sqrt(np.average(squares, weights=found.fit.weights)))
 
 

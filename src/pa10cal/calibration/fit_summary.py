@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arrays import Array
-from pa10cal.calibration.accuracy import gram
 from pa10cal.calibration.rules import RECORDS
 from pa10cal.fit.problem import GaussianPrior, Identifiability, Solution
 from pa10cal.numerics.pose_sets import Information, greedy_order
@@ -31,8 +30,7 @@ class FitSummary:
     covariance: Array  # (k, k) of the parameters
     identifiability: Identifiability  # rank of the rows
     white: Array  # (P, b, k) whitened Jacobian
-    # (k, k) Gram matrix of the derivative of predicted positions [m], summed over the poses
-    position_gram: Array
+    position: Array  # (P, c, k) derivative of predicted positions [m], of one target each
     not_identifiable: frozenset[str]  # names of parameters that the data do not identify
     # names of those that no pose of this instrument can identify
     hidden: frozenset[str] = frozenset()
@@ -64,14 +62,14 @@ class FitSummary:
         if self.expected is None:
             return float(self.identifiability.rank)
         scale = np.array([parameter.scale for parameter in self.parameters])
-        of_poses = gram(self.white) * np.outer(scale, scale)
+        of_poses = _gram(self.white) * np.outer(scale, scale)
         return float(np.trace(np.linalg.solve(self.known_before + of_poses, of_poses)))
 
     @property
     def u_positions_mm(self) -> float:
         """Return the rms standard uncertainty of positions in the poses fitted, as of any pose."""
         covariance = self.covariance if self.of_positions is None else self.of_positions
-        total_m2 = np.sum(covariance * self.position_gram) / len(self.white)
+        total_m2 = np.sum(covariance * _gram(self.position)) / len(self.white)
         return float(1e3 * np.sqrt(max(total_m2, 0.0)))
 
     @property
@@ -145,13 +143,13 @@ def poses_needed(
 
     candidates = Information(white[pool] * scale * RECORDS.possible_scales)
     order = pool[greedy_order(candidates, min(len(pool), RECORDS.most_chosen))]
-    spread = ended.position_gram * scales / count
+    spread = _gram(ended.position) * scales / count
     enough = -(-ended.identifiability.rank // white.shape[1])
 
     def u_mm(of_poses: Array) -> float | None:
         if len(of_poses) < enough:
             return None
-        covariance = np.linalg.inv(information + gram(of_poses) * scales)
+        covariance = np.linalg.inv(information + _gram(of_poses) * scales)
         u_m = float(np.sqrt(np.sum(covariance * spread)))
         return 1e3 * u_m if np.isfinite(u_m) else None
 
@@ -173,6 +171,12 @@ def poses_needed(
         d_optimal_order=tuple(ended.pose[order].tolist()),
         expected=tuple(expected),
     )
+
+
+def _gram(rows: Array) -> Array:
+    """Return the products (k, k) of the columns of rows (P, b, k)."""
+    flat = rows.reshape(-1, rows.shape[-1])
+    return np.asarray(flat.T @ flat)
 
 
 def names_of(parameters: Sequence[TermParameter], rows: NDArray[np.bool_]) -> tuple[str, ...]:

@@ -8,8 +8,9 @@ from functools import cached_property
 import numpy as np
 
 from pa10cal.arm.description import Arm
-from pa10cal.calibration.accuracy import HeldOut, NoisyCampaign
+from pa10cal.calibration.accuracy import HeldOut
 from pa10cal.calibration.fit_summary import FitSummary, poses_needed
+from pa10cal.calibration.noisy_campaign import NoisyCampaign
 from pa10cal.calibration.rules import GRADES
 from pa10cal.results import calibration as records
 from pa10cal.results.calibration import InputFinding

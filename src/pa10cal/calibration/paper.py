@@ -15,10 +15,12 @@ from pa10cal.calibration.health import health
 from pa10cal.calibration.load_case import LoadCase, base_parameters, case_keys, fit_keys
 from pa10cal.calibration.rules import GRADES, UNKNOWNS
 from pa10cal.calibration.two_level_fit import Calibration, calibrate, pull_beyond_bounds
+from pa10cal.calibration.two_level_problem import align_nominal
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.discrepancy import discrepancy_of, lacking_mm
 from pa10cal.fit.fitted import FittedTo
 from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.position_errors import position_noise_mm
 from pa10cal.fit.problem import identify_beyond, not_identifiable, possible_sizes
 from pa10cal.fit.repeatability import repeatability_mm
 from pa10cal.fit.validity import Discrepancy
@@ -73,7 +75,7 @@ def paper_case(
     )
     before, from_seed = (
         accuracy.summarise_by_load(FittedModel(rigid, np.zeros(0), T).deviations(grid), load_N)
-        for T in (accuracy.align_nominal(rigid, grid), T_instr_base_seed)
+        for T in (align_nominal(rigid, grid), T_instr_base_seed)
     )
     noise = uncertainty.with_own_scatter(used, chosen, model.model, model.x)
     evidence = replace(
@@ -215,12 +217,12 @@ def _evidence(
         covariance=cubic.covariance,
         identifiability=cubic.identifiability,
         white=np.linalg.inv(np.linalg.cholesky(noise.measured.cov)) @ jacobian,
-        position_gram=accuracy.gram(jacobian[:, :3]),
+        position=jacobian[:, :3],
         not_identifiable=cubic.not_identifiable,
         hidden=hidden,
         of_mounting=hidden | of_last_row,
     )
-    noise_mm = accuracy.position_noise_mm(noise.measured, noise.measured.cov)
+    noise_mm = position_noise_mm(noise.measured, noise.measured.cov)
     held_out, held_out_errors = poses_of(case.every, "holdout"), None
     if len(held_out):
         position = replace(problem, observations=held_out).rows(x).jacobian[:, :3]

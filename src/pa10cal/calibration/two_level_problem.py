@@ -22,6 +22,7 @@ from pa10cal.fit.problem import Problem, Rows
 from pa10cal.frame.point_fits import cross_matrix, pose_error
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
+from pa10cal.observe.seed import least_loaded
 from pa10cal.terms.model import Model
 from pa10cal.terms.offsets import base_frame
 from pa10cal.terms.term import Report, TermParameter
@@ -127,6 +128,20 @@ def fit_base_frame(
     omega = np.linalg.solve(np.trace(stretch) * np.eye(3) - stretch, skew)
     d_translation = R @ np.cross(mean_base[:, None], omega, axis=0) - R @ shift.mean(axis=0)
     return BaseFrame(T, np.concatenate([d_translation, omega]))
+
+
+def align_nominal(nominal: Model, observations: Observations[Pose]) -> Array:
+    """Return T_instr_base (4, 4) that aligns the nominal model with the least loaded positions.
+
+    The paper's errors before calibration rest on this alignment: by positions alone, of the poses
+    with the smallest load, which was zero in the paper's campaign; of all where few have it.
+    """
+    unloaded = observations.take(least_loaded(observations))
+    return fit_base_frame(
+        nominal.predict(unloaded.states, np.zeros(0)),
+        unloaded.measured.T_instr_target,
+        attitude_weight_m2=0.0,
+    ).T_instr_base
 
 
 def _times_cross(matrices: Array, turns: Array) -> Array:

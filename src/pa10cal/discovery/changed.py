@@ -20,9 +20,9 @@ from pa10cal.discovery import jacobians
 from pa10cal.discovery.in_time import by_pose_and_time
 from pa10cal.discovery.log_faults import DiagnosedFault
 from pa10cal.discovery.nuisances import Jump, Nuisance, Wander, between_rows, steps_in_time
-from pa10cal.discovery.position_errors import mean_noise_error_mm, position_error_mm
 from pa10cal.discovery.rules import CHANGE, MOTION
 from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.position_errors import mean_noise_error_mm, position_error_mm
 from pa10cal.frame.point_fits import by_small_motion
 from pa10cal.numerics.gaussian import Gaussian, Gaussians
 from pa10cal.observe.observations import Observations

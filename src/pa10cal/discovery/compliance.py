@@ -22,7 +22,6 @@ from pa10cal.discovery import jacobians
 from pa10cal.discovery.finding import Finding, Rival, name_of
 from pa10cal.discovery.model_with_effects import all_unknowns
 from pa10cal.discovery.pose_scatter import pose_weights
-from pa10cal.discovery.position_errors import position_error_mm
 from pa10cal.discovery.probabilities import with_unknown_cause
 from pa10cal.discovery.proof import ComplianceProof, needed_nats
 from pa10cal.discovery.refitted_verdict import no_name, probably_nameless, too_many_others
@@ -30,6 +29,7 @@ from pa10cal.discovery.rules import NAMES, SPRINGS
 from pa10cal.discovery.together import Together
 from pa10cal.discovery.verdict import Basis, Verdict
 from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.position_errors import position_error_mm
 from pa10cal.fit.problem import possible_sizes
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.numerics.least_squares import cluster_covariance

@@ -13,7 +13,7 @@ import numpy as np
 from typing_extensions import override
 
 from pa10cal.arrays import Array
-from pa10cal.calibration.accuracy import noisy_campaign
+from pa10cal.calibration.noisy_campaign import noisy_campaign
 from pa10cal.calibration.two_level_fit import check_torques
 from pa10cal.discovery.blocked_cv.survey import LEAST_FOR_BLOCKS
 from pa10cal.discovery.compliance import with_compliance
@@ -34,7 +34,6 @@ from pa10cal.discovery.model_with_effects import ModelWithEffects, with_base_mot
 from pa10cal.discovery.nameless import nameless_effects
 from pa10cal.discovery.near_poses import noise_of_near_poses
 from pa10cal.discovery.no_harm import limits, only_within, worse_than
-from pa10cal.discovery.position_errors import mean_noise_error_mm
 from pa10cal.discovery.preparation import MeasurementSetup, Prepared, complete, context_of, prepared
 from pa10cal.discovery.probabilities import with_likely_alternatives
 from pa10cal.discovery.proposals import with_lines_named, with_proposals
@@ -57,6 +56,7 @@ from pa10cal.discovery.verdict import (
 )
 from pa10cal.errors import CalibrationError, DiscoveryError
 from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.position_errors import mean_noise_error_mm
 from pa10cal.fit.uncertain_weights import open_unknowns
 from pa10cal.numerics.covariances import mean_covariance
 from pa10cal.observe.observations import Observations, average_repeats, reading_groups

@@ -20,7 +20,6 @@ from pa10cal.discovery.field import with_field
 from pa10cal.discovery.finding import Finding, Rival, is_named, name_of
 from pa10cal.discovery.in_time import grows_instead
 from pa10cal.discovery.no_harm import harmed, harmless, worse_than
-from pa10cal.discovery.position_errors import mean_noise_error_mm
 from pa10cal.discovery.preparation import Prepared
 from pa10cal.discovery.probabilities import with_levels_held_out, with_unknown_cause
 from pa10cal.discovery.refitted_verdict import (
@@ -40,6 +39,7 @@ from pa10cal.fit.fitted import Otherwise
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.forward import moves_robot
 from pa10cal.fit.levels import of_position
+from pa10cal.fit.position_errors import mean_noise_error_mm
 from pa10cal.fit.uncertain_weights import open_unknowns
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.time_order import covariates, measured_again, slow_joints

@@ -43,6 +43,7 @@ from pa10cal.fit.fitted import FittedTo
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.model_reading import models_of
 from pa10cal.fit.model_writing import model_to_plain
+from pa10cal.fit.position_errors import of_one_target, position_noise_mm
 from pa10cal.fit.problem import Solution, identify, not_identifiable
 from pa10cal.fit.weighed_arm import weighed_model
 from pa10cal.numerics.covariances import whitener_of
@@ -352,7 +353,7 @@ def _graded(campaign: Prepared, fit: _Fit, grading: Grading) -> EffectCalibratio
         train_rms_mm=accuracy.summarise(deviations, ~flagged).rms_mm,
         held_out=_held_out_errors(campaign, model, poses),
         suspected_outliers=int(flagged.sum()),
-        noise_mm=accuracy.position_noise_mm(measured, fit.noise_cov),
+        noise_mm=position_noise_mm(measured, fit.noise_cov),
         noise_is_found=fit.noise_is_found,
         repeats=() if fit.noise_is_found else scatter_of_repeats(campaign.trusted, model),
         discrepancy_mm=lacking_mm(discrepancy, poses.states.q_rad),
@@ -410,7 +411,7 @@ def _summary(fit: _Fit) -> FitSummary:
         covariance=fit.covariance[np.ix_(kept, kept)],
         identifiability=rank,
         white=white,
-        position_gram=accuracy.gram(accuracy.of_one_target(measured, jacobian)),
+        position=of_one_target(measured, jacobian),
         not_identifiable=not_identifiable(rank, parameters),
     )
 

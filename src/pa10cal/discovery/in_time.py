@@ -27,13 +27,13 @@ from pa10cal.discovery.nuisances import (
     motions_along,
     sizes_of_motions,
 )
-from pa10cal.discovery.position_errors import position_error_mm, position_noise_m2
 from pa10cal.discovery.preparation import why_unknown
 from pa10cal.discovery.repeats import same_circumstances
 from pa10cal.discovery.rules import CANDIDATES, MOTION, NOISE
 from pa10cal.discovery.target_wander import rows_in_time, target_wander
 from pa10cal.discovery.tuning import none_and_spaced
 from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.position_errors import position_error_mm, position_noise_m2
 from pa10cal.numerics.gaussian import Gaussian, Gaussians
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.time_order import (

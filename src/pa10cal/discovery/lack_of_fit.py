@@ -14,13 +14,13 @@ from scipy.special import fdtrc
 
 from pa10cal.arrays import Array
 from pa10cal.discovery import jacobians
-from pa10cal.discovery.position_errors import (
+from pa10cal.discovery.tuning import COMPUTING, PLACES
+from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.position_errors import (
     position_error_mm,
     position_errors_along_axes,
     position_noise_m2,
 )
-from pa10cal.discovery.tuning import COMPUTING, PLACES
-from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.numerics.covariances import whitener_of
 from pa10cal.numerics.least_squares import cluster_covariance
 from pa10cal.observe.observations import Observations

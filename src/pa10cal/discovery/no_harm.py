@@ -19,11 +19,11 @@ from pa10cal.calibration.accuracy import summarise
 from pa10cal.discovery.finding import Finding, is_named
 from pa10cal.discovery.gap import PairedErrors, fallen_back, trusted
 from pa10cal.discovery.jacobians import residual_and_jacobian
-from pa10cal.discovery.position_errors import position_noise_m2
 from pa10cal.discovery.refitted_verdict import without_names
 from pa10cal.discovery.rules import NAMES
 from pa10cal.discovery.verdict import Basis, Scorer, Verdict
 from pa10cal.fit.fitted import FallBack
+from pa10cal.fit.position_errors import position_noise_m2
 from pa10cal.fit.repeatability import is_chance
 from pa10cal.fit.validity import AngleCoverage, nothing_seen, span_visited
 from pa10cal.observe.observations import Observations, average_repeats

@@ -19,10 +19,10 @@ from typing_extensions import override
 from pa10cal.arrays import Array, Mask, rms
 from pa10cal.discovery import jacobians
 from pa10cal.discovery.log_faults import DiagnosedFault
-from pa10cal.discovery.position_errors import position_error_mm
 from pa10cal.discovery.rules import BLOCKS, MOTION
 from pa10cal.discovery.target_wander import TargetWander
 from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.position_errors import position_error_mm
 from pa10cal.numerics.covariances import whitener_of
 from pa10cal.observe.observations import Observations
 from pa10cal.results.discovery import MovedZero, Unexplained

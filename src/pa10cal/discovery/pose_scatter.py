@@ -21,12 +21,12 @@ from scipy.special import chdtri
 
 from pa10cal.arrays import Array, Index, Mask, drawn
 from pa10cal.discovery.jacobians import by_joints
-from pa10cal.discovery.position_errors import position_errors_along_axes, seen_along_axes
 from pa10cal.discovery.rules import NOISE
 from pa10cal.discovery.tuning import COMPUTING
 from pa10cal.fit.fitted import TOOL_FRAME
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.forward import Forward
+from pa10cal.fit.position_errors import position_errors_along_axes, seen_along_axes
 from pa10cal.numerics.covariances import whitener_of
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations

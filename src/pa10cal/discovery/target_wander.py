@@ -17,10 +17,10 @@ import numpy as np
 from pa10cal.arrays import Array
 from pa10cal.discovery import jacobians
 from pa10cal.discovery.jacobians import WhitenedPoses
-from pa10cal.discovery.position_errors import position_noise_m2
 from pa10cal.discovery.rules import BLOCKS, MOTION
 from pa10cal.discovery.tuning import COMPUTING
 from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.position_errors import position_noise_m2
 from pa10cal.fit.rows_about_fit import less_far_off
 from pa10cal.observe.observations import Observations
 from pa10cal.results.number_text import duration_text

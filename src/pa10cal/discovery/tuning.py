@@ -150,7 +150,6 @@ class Computing:
     damping_down: float = 0.1  # and falls after a good step (computing)
     refit_no_worse: float = 1e-9  # part by which a step of a refit may end worse (computing)
     noise_steps: int = 60  # steps by which variances of joints are found (computing)
-    draws: int = 2000  # draws of a mean length (computing)
     least_singular: float = 1e-9  # singular values that are none, in the largest (computing)
     least_determinant: float = 1e-9  # a determinant that is none, in weights squared (computing)
     least_weight: float = 1e-12  # least weight of a line, in the largest (computing)

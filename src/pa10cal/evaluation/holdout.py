@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from pa10cal.calibration.accuracy import align_nominal
+from pa10cal.calibration.two_level_problem import align_nominal
 from pa10cal.discovery import preparation
 from pa10cal.discovery.preparation import MeasurementSetup
 from pa10cal.discovery.verdict_records import Extended

@@ -11,6 +11,7 @@ import numpy as np
 
 from pa10cal.arrays import Array
 from pa10cal.fit.fitted import Fitted
+from pa10cal.fit.position_errors import noise_mm2, to_mm
 from pa10cal.fit.tails import Tails
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations, reading_groups
@@ -102,29 +103,3 @@ def trust_of(measured: Instrument, white: Array) -> Array:
         limit = Tails.of(size[seen[:, kind]]).largest(SCATTER.tail, 1)
         ratio = np.maximum(ratio, size.max(axis=1) / max(limit, _TINY))
     return np.asarray(ratio**-4.0)
-
-
-def to_mm(measured: Instrument, weight: Array) -> Array:
-    """Return the factor (P, b) from a component to its part of the position error [mm].
-
-    Args:
-        weight: (P, b) root weight by which the component was multiplied.
-    """
-    places, factor = measured.position_columns, np.zeros_like(weight)
-    seen, roots = measured.components_seen[:, places], np.maximum(weight[:, places], _TINY)
-    factor[:, places] = np.where(seen, 1e3 / roots, 0.0)
-    return np.asarray(factor / np.sqrt(_targets_seen(measured))[:, None])
-
-
-def noise_mm2(measured: Instrument, variance: Array) -> Array:
-    """Return what variances (P, b) of components [m²] add to the square of the position error."""
-    places, noise_m2 = measured.position_columns, np.zeros_like(variance)
-    seen = measured.components_seen[:, places]
-    noise_m2[:, places] = np.where(seen, variance[:, places], 0.0)
-    return np.asarray(1e6 * noise_m2 / _targets_seen(measured)[:, None])
-
-
-def _targets_seen(measured: Instrument) -> Array:
-    """Return by how many targets the position of each pose is the mean, (P,); 1 at least."""
-    seen = measured.components_seen[:, measured.position_columns]
-    return np.asarray(np.maximum(seen.sum(axis=1) / 3.0, 1.0))  # three coordinates a target

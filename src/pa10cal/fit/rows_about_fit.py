@@ -17,14 +17,9 @@ from scipy.spatial import cKDTree
 from pa10cal.arm.chain import BASE
 from pa10cal.arrays import Array, Index, Mask
 from pa10cal.fit.fitted import Fitted
+from pa10cal.fit.position_errors import noise_mm2, to_mm
 from pa10cal.fit.problem import GaussianPrior, Problem, Rows, possible_sizes
-from pa10cal.fit.repeatability import (
-    along_noise_axes,
-    components_factor,
-    noise_mm2,
-    to_mm,
-    trust_of,
-)
+from pa10cal.fit.repeatability import along_noise_axes, components_factor, trust_of
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations

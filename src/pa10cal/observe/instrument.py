@@ -315,6 +315,12 @@ class Instrument(ABC):
         """Return the columns of the components that are positions or distances, (p,)."""
         return np.arange(self.components_seen.shape[1])[self.component_kinds[0][1]]
 
+    @property
+    def targets_seen(self) -> Array:
+        """Return by how many targets the position of each pose is the mean, (P,); 1 at least."""
+        seen = self.components_seen[:, self.position_columns]
+        return np.asarray(np.maximum(seen.sum(axis=1) / 3.0, 1.0))  # three coordinates a target
+
     @abstractmethod
     def locate(self, T_base_ee: Array, *, roughly: bool = False) -> Located:
         """Find base and targets from nominal poses (P, 4, 4), without a start.

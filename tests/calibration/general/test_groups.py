@@ -11,11 +11,11 @@ from scipy.spatial.transform import Rotation
 from calibrated import general
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.statics import Payload, statics
-from pa10cal.calibration.accuracy import noisy_campaign
 from pa10cal.calibration.general.calibrate import find_start, start_of
 from pa10cal.calibration.general.case import fitted
 from pa10cal.calibration.general.per_campaign import contradictions, per_campaign_fits
 from pa10cal.calibration.general.unknowns import choose_unknowns
+from pa10cal.calibration.noisy_campaign import noisy_campaign
 from pa10cal.discovery.log_faults import faults_of_input
 from pa10cal.errors import ModelError
 from pa10cal.files.arms import load_arm

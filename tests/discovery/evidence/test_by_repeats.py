@@ -17,10 +17,10 @@ from pa10cal.discovery.evidence.by_repeats import ByRepeats
 from pa10cal.discovery.evidence.judge import noise_floor_mm
 from pa10cal.discovery.next_poses import unresolved_pairs
 from pa10cal.discovery.nuisances import Jump, Wander
-from pa10cal.discovery.position_errors import position_error_mm
 from pa10cal.discovery.verdict_records import verdict_keys
 from pa10cal.errors import CalibrationError, DiscoveryError
 from pa10cal.fit.forward import Forward
+from pa10cal.fit.position_errors import position_error_mm
 from pa10cal.terms.effects import vocabulary
 from pa10cal.terms.effects.joint import JointHarmonic
 from pa10cal_lab.cell.campaign import simulate_campaign

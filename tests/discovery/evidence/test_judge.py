@@ -16,8 +16,8 @@ from pa10cal.discovery.evidence.judge import (
     shared_error_mm,
 )
 from pa10cal.discovery.evidence.search import search
-from pa10cal.discovery.position_errors import mean_norm
 from pa10cal.discovery.verdict import word_of
+from pa10cal.fit.position_errors import mean_norm
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
 
 

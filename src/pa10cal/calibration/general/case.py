@@ -21,6 +21,7 @@ from pa10cal.calibration.general.per_campaign import contradictions, per_campaig
 from pa10cal.calibration.grade_evidence import GradeEvidence
 from pa10cal.calibration.health import RIGID, health
 from pa10cal.calibration.load_case import LoadCase, base_parameters, case_keys, fit_keys
+from pa10cal.calibration.noisy_campaign import noisy_campaign
 from pa10cal.calibration.rules import GRADES, GROUPS, RECORDS
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.discrepancy import by_uncertain_joints_mm, discrepancy_of, lacking_mm
@@ -29,6 +30,7 @@ from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.joint_noise import torque_noise
 from pa10cal.fit.loads import with_loads_read_by, with_torques
 from pa10cal.fit.logged_torques import lost_without_log_mm
+from pa10cal.fit.position_errors import of_one_target, position_noise_mm
 from pa10cal.fit.problem import Problem, not_identifiable
 from pa10cal.fit.robust_weights import suspect_beyond
 from pa10cal.fit.validity import angles_seen
@@ -205,7 +207,7 @@ class _FittedCase:
     def noise_mm(self) -> float:
         """Return the rms error that the stated noise makes."""
         stated = self.full.problem.stated_covariance
-        return accuracy.position_noise_mm(self.used.measured, stated)
+        return position_noise_mm(self.used.measured, stated)
 
     @property
     def torques_mm(self) -> float:
@@ -216,7 +218,7 @@ class _FittedCase:
         poses, stated = problem.observations, problem.stated_covariance
         residual = model.compared(poses).residual
         noise = torque_noise(model, poses, self.case.payload, residual, stated)
-        return 0.0 if noise is None else accuracy.position_noise_mm(poses.measured, noise.cov)
+        return 0.0 if noise is None else position_noise_mm(poses.measured, noise.cov)
 
     @cached_property
     def outliers(self) -> tuple[records.SuspectedOutlier, ...]:
@@ -244,7 +246,7 @@ class _FittedCase:
             return None
         held_out = _with_model_torques(self.model, held_out, self.case.payload)
         turned = replace(full.problem, observations=held_out.turned(self.start.R_ee_target))
-        position = accuracy.of_one_target(held_out.measured, turned.rows(full.fit.x).jacobian)
+        position = of_one_target(held_out.measured, turned.rows(full.fit.x).jacobian)
         return accuracy.held_out_errors(
             self.model, self.every, self.used, held_out, position, full.fit.covariance
         )
@@ -288,7 +290,7 @@ class _FittedCase:
             arm=case.arm,
             turned_rad=_turned_rad(model, used),
             hardly_moved=_hardly_moved(case.arm, used.states.q_rad),
-            noisy_campaign=accuracy.noisy_campaign(
+            noisy_campaign=noisy_campaign(
                 self.grid.take(trusted),
                 self.deviations.distance_mm[trusted],
                 full.problem.stated_covariance[~self.flagged[self.rows]],
@@ -557,7 +559,6 @@ def fit_summary(general: GeneralCalibration) -> FitSummary:
         hidden = frozenset(names_of(parameters, problem.having("weight", "windup", "cubic")))
     root, jacobian = np.sqrt(fit.weights)[:, None, None], problem.rows(fit.x).jacobian
     measured = problem.observations.measured
-    position_gram = accuracy.gram(accuracy.of_one_target(measured, jacobian))
     return FitSummary(
         solution=fit,
         pose=problem.observations.pose,
@@ -568,7 +569,7 @@ def fit_summary(general: GeneralCalibration) -> FitSummary:
         of_positions=fit.covariance,
         identifiability=fit.identifiability,
         white=(root * fit.whitener) @ jacobian,
-        position_gram=position_gram,
+        position=of_one_target(measured, jacobian),
         not_identifiable=unidentified,
         hidden=hidden,
         expected=fit.span.expected,

@@ -19,7 +19,6 @@ from scipy.special import chdtrc
 
 from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Array, Index, Mask
-from pa10cal.calibration.accuracy import targets_seen
 from pa10cal.calibration.general.fit import GeneralSolution, reach_of
 from pa10cal.calibration.rules import GROUPS, UNKNOWNS
 from pa10cal.fit.loads import statics_of
@@ -165,7 +164,7 @@ class _Group:
         """Return the rms position error of p poses by their residual (p, b)."""
         measured = self.problem.observations.measured
         squares = np.sum(residual[:, measured.position_columns] ** 2, axis=1)
-        squares = squares / targets_seen(measured)[poses]
+        squares = squares / measured.targets_seen[poses]
         return 1e3 * float(np.sqrt(np.average(squares, weights=self.fit.weights[poses])))
 
     def explained_by(self, name: str, unit: str, what: str, by: Array) -> records.Difference:

@@ -42,7 +42,6 @@ from pa10cal.discovery.next_poses import poses_at_unseen_angles, separating_pose
 from pa10cal.discovery.noise import Noise
 from pa10cal.discovery.nuisances import MovedZeros, motion_unexplained
 from pa10cal.discovery.pose_scatter import AS_FOUND, PoseDeviations, scatter_of, share_inside
-from pa10cal.discovery.position_errors import mean_noise_error_mm
 from pa10cal.discovery.preparation import Prepared, complete
 from pa10cal.discovery.refitted_verdict import with_findings
 from pa10cal.discovery.residual_candidates import stroke_waves
@@ -54,6 +53,7 @@ from pa10cal.discovery.tuning import NEXT_POSES
 from pa10cal.discovery.verdict import NOTHING_PLANNED, Plan, Scorer, Verdict
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.position_errors import mean_noise_error_mm
 from pa10cal.fit.problem import possible_sizes
 from pa10cal.fit.validity import AngleCoverage, angles_seen
 from pa10cal.observe.observations import Observations

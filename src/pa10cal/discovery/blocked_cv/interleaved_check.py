@@ -21,9 +21,9 @@ from pa10cal.discovery.blocked_cv.judge import BlockPrediction, Judged, predicti
 from pa10cal.discovery.blocked_cv.normal_equations import summed
 from pa10cal.discovery.blocked_cv.refit import Refit
 from pa10cal.discovery.blocked_cv.survey import Survey, interleaved_blocks
-from pa10cal.discovery.position_errors import position_error_mm
 from pa10cal.discovery.preparation import computable, sought
 from pa10cal.discovery.rules import BLOCKS, EVIDENCE, PROBABILITIES
+from pa10cal.fit.position_errors import position_error_mm
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.time_order import like_a_scan
 from pa10cal.results.record import EffectName

@@ -21,7 +21,6 @@ from pa10cal.discovery.blocked_cv.effect_set import (
 )
 from pa10cal.discovery.blocked_cv.search import Search
 from pa10cal.discovery.finding import Rival, smooth_unknown
-from pa10cal.discovery.position_errors import position_error_mm
 from pa10cal.discovery.proof import (
     Proof,
     UnknownCause,
@@ -29,6 +28,7 @@ from pa10cal.discovery.proof import (
     removed_over_remaining,
 )
 from pa10cal.discovery.rules import BLOCKS, PROBABILITIES
+from pa10cal.fit.position_errors import position_error_mm
 from pa10cal.results.discovery import (
     BlockedCrossValidation,
     EvidenceByBlocks,

@@ -19,9 +19,9 @@ from pa10cal.discovery.blocked_cv.block_rows import BlockedRows, ShapedEffect
 from pa10cal.discovery.blocked_cv.effect_set import as_good
 from pa10cal.discovery.blocked_cv.normal_equations import inverse, solve, summed
 from pa10cal.discovery.blocked_cv.survey import Survey
-from pa10cal.discovery.position_errors import position_error_mm
 from pa10cal.discovery.preparation import why_few_angles
 from pa10cal.discovery.rules import BLOCKS, MAPS
+from pa10cal.fit.position_errors import position_error_mm
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.numerics.periodic_spline import b_splines_by_knots
 from pa10cal.terms.effects.joint_error_map import JointErrorMap, Spectrum, is_error_map

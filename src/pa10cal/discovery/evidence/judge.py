@@ -22,8 +22,8 @@ from pa10cal.discovery.evidence.likelihood import Score
 from pa10cal.discovery.evidence.problem import EvidenceProblem
 from pa10cal.discovery.evidence.search import EndOfSearch, ended_at, evidence_about, less
 from pa10cal.discovery.finding import Finding, Rival, is_named, smooth_unknown
-from pa10cal.discovery.position_errors import mean_norm, position_noise_m2
 from pa10cal.discovery.rules import EVIDENCE
+from pa10cal.fit.position_errors import mean_norm, position_noise_m2
 from pa10cal.observe.observations import reading_groups
 from pa10cal.results.discovery import Unexplained
 from pa10cal.terms.effects.effect import Effect

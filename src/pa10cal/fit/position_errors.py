@@ -1,21 +1,64 @@
-"""Position errors of poses, from residuals of their components, and those that noise makes."""
+"""Position errors of poses, from residuals of their components, and those that noise makes.
+
+The position error of a pose is the rms over its targets: squares of components are summed, and
+divided by the number of targets seen. An instrument of distances has one component.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 
 from pa10cal.arrays import Array
-from pa10cal.calibration.accuracy import targets_seen
-from pa10cal.discovery.tuning import COMPUTING
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
+
+#: Draws of a mean length (computing).
+_DRAWS = 2000
+#: Least divisor (computing).
+_TINY = 1e-300
 
 
 def position_error_mm(measured: Instrument, residual: Array) -> Array:
     """Return the position error (P,) of residuals (P, b): the rms over the targets of a pose."""
     squares_m2 = np.sum(residual[:, measured.position_columns] ** 2, axis=1)
-    return np.asarray(1e3 * np.sqrt(squares_m2 / targets_seen(measured)))
+    return np.asarray(1e3 * np.sqrt(squares_m2 / measured.targets_seen))
+
+
+def of_one_target(measured: Instrument, jacobian: Array) -> Array:
+    """Return the position rows (P, c, k) of a derivative (P, b, k), scaled to one target.
+
+    They are divided by the square root of the number of targets seen, so that the sum of squares
+    over all targets becomes their mean.
+    """
+    root = np.sqrt(measured.targets_seen)[:, None, None]
+    return np.asarray(jacobian[:, measured.position_columns] / root)
+
+
+def to_mm(measured: Instrument, weight: Array) -> Array:
+    """Return the factor (P, b) from a component to its part of the position error [mm].
+
+    Args:
+        weight: (P, b) root weight by which the component was multiplied.
+    """
+    places, factor = measured.position_columns, np.zeros_like(weight)
+    seen, roots = measured.components_seen[:, places], np.maximum(weight[:, places], _TINY)
+    factor[:, places] = np.where(seen, 1e3 / roots, 0.0)
+    return np.asarray(factor / np.sqrt(measured.targets_seen)[:, None])
+
+
+def noise_mm2(measured: Instrument, variance: Array) -> Array:
+    """Return what variances (P, b) of components [m²] add to the square of the position error."""
+    places, noise_m2 = measured.position_columns, np.zeros_like(variance)
+    seen = measured.components_seen[:, places]
+    noise_m2[:, places] = np.where(seen, variance[:, places], 0.0)
+    return np.asarray(1e6 * noise_m2 / measured.targets_seen[:, None])
+
+
+def position_noise_mm(measured: Instrument, covariance: Array) -> float:
+    """Return the rms position error that noise of covariances (P, b, b) makes."""
+    variance = np.diagonal(covariance, axis1=1, axis2=2)
+    return float(np.sqrt(np.mean(noise_mm2(measured, variance).sum(axis=1))))
 
 
 def position_errors_along_axes(
@@ -31,7 +74,7 @@ def position_errors_along_axes(
         cov: (P, b, b) covariance of their noise.
     """
     columns = poses.measured.position_columns
-    to_axes = _directions_seen(at, poses) / targets_seen(poses.measured)[:, None, None]
+    to_axes = _directions_seen(at, poses) / poses.measured.targets_seen[:, None, None]
     error_m = (to_axes @ deviation[:, columns, None])[:, :, 0]
     of_positions = cov[:, columns[:, None], columns]
     variance_m2 = np.einsum("pik,pkl,pil->pi", to_axes, of_positions, to_axes, optimize=True)
@@ -45,7 +88,7 @@ def seen_along_axes(at: FittedModel, poses: Observations) -> Array:
     projection on the line of sight.
     """
     directions = _directions_seen(at, poses)
-    targets = targets_seen(poses.measured)[:, None, None]
+    targets = poses.measured.targets_seen[:, None, None]
     return np.asarray(directions @ directions.transpose(0, 2, 1) / targets)
 
 
@@ -74,7 +117,7 @@ def position_noise_m2(measured: Instrument, cov: Array) -> Array:
     seen = measured.components_seen[:, columns]
     both_seen = seen[:, :, None] & seen[:, None, :]
     of_positions = np.where(both_seen, cov[:, columns[:, None], columns], 0.0)
-    return np.asarray(of_positions / targets_seen(measured)[:, None, None])
+    return np.asarray(of_positions / measured.targets_seen[:, None, None])
 
 
 def mean_norm(covariance: Array) -> Array:
@@ -83,7 +126,7 @@ def mean_norm(covariance: Array) -> Array:
     They are Monte Carlo means over draws that are the same for all.
     """
     std = np.sqrt(np.maximum(np.linalg.eigvalsh(covariance), 0.0))
-    draws = np.random.default_rng(0).standard_normal((COMPUTING.draws, covariance.shape[1]))
+    draws = np.random.default_rng(0).standard_normal((_DRAWS, covariance.shape[1]))
     norms = np.sqrt((std[:, None, :] ** 2 * draws[None] ** 2).sum(axis=2))
     return np.asarray(norms.mean(axis=1))
 
