@@ -22,7 +22,7 @@ from pa10cal.arm.description import weights_known
 from pa10cal.arm.statics import Payload, PoseStates
 from pa10cal.arrays import Array
 from pa10cal.discovery import jacobians
-from pa10cal.discovery.blocked_cv.normal_equations import map_columns, normal_equations_of
+from pa10cal.discovery.blocked_cv.normal_equations import normal_equations_of
 from pa10cal.discovery.in_time import by_pose_and_time
 from pa10cal.discovery.jacobians import WhitenedPoses
 from pa10cal.discovery.preparation import sought
@@ -31,7 +31,7 @@ from pa10cal.discovery.together import heavier
 from pa10cal.fit.problem import possible_sizes
 from pa10cal.fit.uncertain_weights import weight_sizes
 from pa10cal.numerics.gaussian import Gaussian, Gaussians
-from pa10cal.numerics.periodic_spline import b_splines_by_knots
+from pa10cal.numerics.periodic_spline import b_splines_by_knots, spline_columns
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.time_order import may_show_changes, spread_over_time
 from pa10cal.rules import ORDER
@@ -123,7 +123,7 @@ class _Rivals:
 
     def _by_splines(self, by_angle: Array) -> csr_array:
         """Return derivatives (P, b, m) by the angles of maps as those by B-splines, (P b, K)."""
-        return map_columns(by_angle, self.q_rad, [len(basis) for basis in self.bases])
+        return spline_columns(by_angle, self.q_rad, [len(basis) for basis in self.bases])
 
 
 # Lines of gears: periodic errors of joints as often a turn as a gear ratio that nobody stated. No

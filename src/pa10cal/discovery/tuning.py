@@ -116,8 +116,6 @@ class Places:
 class Computing:
     """Numbers that change how long a fit takes, or its last digits."""
 
-    # part of a parameter's own certainty that stands for a prior where it has none (computing)
-    least_precision: float = 1e-12
     no_part: float = 1e-9  # rows with less of the shared error than this have none (computing)
     same_share: float = 1e-9  # what differs by a smaller part is the same (computing)
     not_fitted: float = 1e-9  # size of a parameter that is not to be fitted (computing)

@@ -18,6 +18,8 @@ from scipy.sparse import csr_array
 from pa10cal.arrays import Array, Index
 
 _DEGREE = 3
+#: B-splines that are not zero at an angle (format).
+_SUPPORT = _DEGREE + 1
 #: Number of positions whose covariances are computed at once (computing).
 _BLOCK = 1000
 
@@ -74,6 +76,51 @@ def harmonics_at_knots(knots: int) -> Array:
 def _stops_rad(knots: int) -> Array:
     """Return the knots and the end of the turn, (K + 1,)."""
     return np.linspace(0.0, 2.0 * np.pi, knots + 1)
+
+
+def spline_columns(
+    by_angle: Array, q_rad: Array, knots: Sequence[int], touched: Sequence[Index] = ()
+) -> csr_array:
+    """Return the derivative of rows by the B-splines of maps, sparse (b P, K1 + K2 + …), by pose.
+
+    Args:
+        by_angle: (P, b, j) derivative of the rows by the angle of each joint that has a map.
+        q_rad: (P, j) these angles.
+        knots: knots a turn of each map.
+        touched: the B-splines of each map that are columns, see `touched_splines`; none for all.
+            All others have to be zero at the angles.
+    """
+    count, components, joints = by_angle.shape
+    rows = count * components
+    if not joints:
+        return csr_array((rows, 0))
+    splines = [b_splines(each, q_rad[:, j]) for j, each in enumerate(knots)]
+    first = np.cumsum([0, *knots])
+    # Each pose has a fixed number of B-splines of every map that are not zero.
+    values = np.stack([each.data.reshape(count, _SUPPORT) for each in splines], axis=1)
+    columns = np.stack(
+        [each.indices.reshape(count, _SUPPORT) + first[j] for j, each in enumerate(splines)],
+        axis=1,
+    )
+    data = by_angle[:, :, :, None] * values[:, None]
+    width = int(first[-1])
+    if touched:
+        chosen = np.concatenate([at + first[j] for j, at in enumerate(touched)])
+        number = np.full(width, -1, dtype=columns.dtype)
+        number[chosen] = np.arange(len(chosen))
+        columns, width = number[columns], len(chosen)
+        assert columns.min(initial=0) >= 0
+    indices = np.broadcast_to(columns[:, None], data.shape)
+    starts = np.arange(rows + 1) * _SUPPORT * joints
+    return csr_array((data.ravel(), indices.ravel(), starts), shape=(rows, width))
+
+
+def touched_splines(q_rad: Array, knots: int) -> Index:
+    """Return the B-splines of a map (v,) that are not zero at some of the angles (P,).
+
+    A joint is seldom seen all around, and the prior alone determines the others.
+    """
+    return np.unique(b_splines(knots, q_rad).indices).astype(np.intp)
 
 
 @dataclass(frozen=True, eq=False)

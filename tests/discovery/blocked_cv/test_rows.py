@@ -18,11 +18,7 @@ from pa10cal.discovery.blocked_cv.linear_fit import made_finer
 from pa10cal.discovery.blocked_cv.normal_equations import (
     BlockEquations,
     in_map_bases,
-    inverse,
-    map_columns,
     normal_equations_of,
-    solve,
-    solve_each,
 )
 from pa10cal.discovery.blocked_cv.search import Search
 from pa10cal.discovery.blocked_cv.survey import Survey, consecutive_blocks
@@ -34,7 +30,7 @@ from pa10cal.discovery.preparation import Prepared, why_few_angles
 from pa10cal.discovery.rules import BLOCKS
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.numerics.gaussian import Gaussian
-from pa10cal.numerics.periodic_spline import b_splines_by_knots, harmonics_at_knots
+from pa10cal.numerics.periodic_spline import b_splines_by_knots, harmonics_at_knots, spline_columns
 from pa10cal.terms.effects.joint import TorqueGain
 from pa10cal.terms.effects.joint_error_map import FadingPrior, JointErrorMap
 from pa10cal_lab.cell.trials import draw_trials
@@ -81,7 +77,7 @@ def test_sparse_columns_of_a_map_are_those_of_the_term(few):
     )
     dense = by_terms(at, few.poses, [effect], [np.zeros(36)])[0].reshape(-1, 36)
     screws = by_joints(at, few.poses, [4])
-    splines = map_columns(screws, few.poses.states.q_rad[:, [3]], [36])
+    splines = spline_columns(screws, few.poses.states.q_rad[:, [3]], [36])
     assert splines.nnz == 4 * len(dense)
     np.testing.assert_allclose(splines @ b_splines_by_knots(36), dense, atol=1e-12)
 
@@ -168,19 +164,7 @@ def test_other_unknowns_of_maps_keep_what_was_integrated_out():
 def test_a_b_spline_that_is_no_column_has_to_be_zero():
     by_angle, q_rad = np.ones((5, 3, 1)), np.linspace(0.0, 1.0, 5)[:, None]
     with pytest.raises(AssertionError):
-        map_columns(by_angle, q_rad, [12], [np.arange(2)])
-
-
-def test_an_unknown_without_rows_and_prior_is_refused():
-    gram, prior = np.diag([2.0, 0.0]), np.diag([1.0, 0.0])
-    with pytest.raises(np.linalg.LinAlgError, match="neither rows nor a prior"):
-        solve(gram, np.ones(2), prior)
-    with pytest.raises(np.linalg.LinAlgError, match="neither rows nor a prior"):
-        inverse(gram + prior, prior)
-    with pytest.raises(np.linalg.LinAlgError, match="neither rows nor a prior"):
-        solve_each(gram[None], np.ones((1, 2)), np.diag(prior)[None])
-    none = np.zeros((0, 0))
-    assert (solve(none, np.zeros(0), none).shape, inverse(none, none).shape) == ((0,), (0, 0))
+        spline_columns(by_angle, q_rad, [12], [np.arange(2)])
 
 
 def test_left_of_is_the_data_less_what_the_columns_say(rows):

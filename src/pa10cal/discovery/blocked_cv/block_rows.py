@@ -20,10 +20,7 @@ from pa10cal.discovery import jacobians
 from pa10cal.discovery.blocked_cv.normal_equations import (
     BlockEquations,
     ByKind,
-    map_columns,
     normal_equations_of,
-    solve,
-    touched_by,
 )
 from pa10cal.discovery.blocked_cv.survey import Survey
 from pa10cal.discovery.model_with_effects import all_unknowns, with_base_motion
@@ -35,7 +32,14 @@ from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.problem import possible_sizes
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.numerics.least_squares import Bounds
-from pa10cal.numerics.periodic_spline import b_splines_by_knots, harmonic_orders, harmonics_at_knots
+from pa10cal.numerics.periodic_spline import (
+    b_splines_by_knots,
+    harmonic_orders,
+    harmonics_at_knots,
+    spline_columns,
+    touched_splines,
+)
+from pa10cal.numerics.posterior import posterior_mean
 from pa10cal.observe.observations import Observations
 from pa10cal.terms.effects.context import turning_joints
 from pa10cal.terms.effects.effect import Effect
@@ -87,7 +91,7 @@ class BlockDesign:
 
         Only of those that are touched, where these are given.
         """
-        return map_columns(self.by_angle[:, :, joints], self.q_rad[:, joints], knots, touched)
+        return spline_columns(self.by_angle[:, :, joints], self.q_rad[:, joints], knots, touched)
 
 
 @dataclass(frozen=True, eq=False)
@@ -286,7 +290,7 @@ class BlockedRows:
         q_rad, known = self.survey.poses.states.q_rad, self._touched
         for joint, each in zip(joints, knots, strict=True):
             if (joint, each) not in known:
-                known[joint, each] = touched_by(q_rad[:, joint - 1], each)
+                known[joint, each] = touched_splines(q_rad[:, joint - 1], each)
         return [known[key] for key in zip(joints, knots, strict=True)]
 
     @cached_property
@@ -430,10 +434,10 @@ def _residual_of_richest_model(rows: BlockedRows) -> tuple[Array, float]:
         sizes = np.concatenate([np.ones(without_maps), harmonics])
         sizes[fitted:] *= COMPUTING.not_fitted
         prior = np.diag(sizes**-2.0)
-        dof = float(np.trace(solve(total.gram, total.gram, prior)))
+        dof = float(np.trace(posterior_mean(total.gram, total.gram, prior)))
         if dof <= MAPS.most_taken_share * seen.sum():
             break
-    x = solve(total.gram, total.projection, prior)
+    x = posterior_mean(total.gram, total.projection, prior)
     remaining = np.empty(seen.shape)
     for block in range(BLOCKS.blocks):
         remaining[rows.survey.block == block] = rows.block_residual(block, x[:, None])[:, :, 0]

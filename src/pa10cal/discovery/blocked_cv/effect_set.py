@@ -18,9 +18,10 @@ import numpy as np
 
 from pa10cal.arrays import Array, Index, standard_error_of_sum
 from pa10cal.discovery.blocked_cv.block_rows import ShapedEffect
-from pa10cal.discovery.blocked_cv.normal_equations import BlockEquations, inverse_of, solve_each
+from pa10cal.discovery.blocked_cv.normal_equations import BlockEquations
 from pa10cal.discovery.rules import BLOCKS
 from pa10cal.numerics.gaussian import Gaussian
+from pa10cal.numerics.posterior import covariance_by_sizes, posterior_means
 from pa10cal.terms.effects.effect import Effect
 
 
@@ -191,7 +192,7 @@ class EffectSet:
         for b, known in enumerate(self.inverse):
             across = self._gram_of_others(b, in_use, new)
             response = known @ across
-            schur = inverse_of(
+            schur = covariance_by_sizes(
                 self._gram_of_others(b, new, new) - across.T @ response, candidate.sizes
             )
             corner = -response @ schur
@@ -254,7 +255,7 @@ class EffectSet:
             CC_others = self.total.gram[columns[:, :, None], columns[:, None, :]] - CC
             responses = response[group.places]  # (u, k, n)
             schur = CC_others - responses @ CA_others[group.places].swapaxes(1, 2)
-            amounts = solve_each(schur[place], Cr_others[places], group.sizes**-2.0)[:, None]
+            amounts = posterior_means(schur[place], Cr_others[places], group.sizes**-2.0)[:, None]
             of_group = -(amounts @ responses[place])  # (m, 1, n)
             slope = of_group @ CA[group.places].swapaxes(1, 2)[place] - Cr[places][:, None]
             steps[group.candidates] = of_group[:, 0]
@@ -290,7 +291,7 @@ def start(equations: BlockEquations, baseline: Columns) -> EffectSet:
     """Return the set without members, solved from the beginning."""
     total, at = equations.summed(), np.ix_(baseline.index, baseline.index)
     inverse = np.stack(
-        [inverse_of(total.gram[at] - gram[at], baseline.sizes) for gram in equations.gram]
+        [covariance_by_sizes(total.gram[at] - gram[at], baseline.sizes) for gram in equations.gram]
     )
     return EffectSet(equations, total, baseline, (), inverse)
 

@@ -17,13 +17,14 @@ from scipy.linalg import block_diag
 from pa10cal.arrays import Array, Index
 from pa10cal.discovery.blocked_cv.block_rows import BlockedRows, ShapedEffect
 from pa10cal.discovery.blocked_cv.effect_set import as_good
-from pa10cal.discovery.blocked_cv.normal_equations import inverse, solve, summed
+from pa10cal.discovery.blocked_cv.normal_equations import summed
 from pa10cal.discovery.blocked_cv.survey import Survey
 from pa10cal.discovery.preparation import why_few_angles
 from pa10cal.discovery.rules import BLOCKS, MAPS
 from pa10cal.fit.position_errors import position_error_mm
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.numerics.periodic_spline import b_splines_by_knots
+from pa10cal.numerics.posterior import posterior_covariance, posterior_mean
 from pa10cal.terms.effects.joint_error_map import JointErrorMap, Spectrum, is_error_map
 
 
@@ -49,7 +50,7 @@ class LinearFit:
 
     @cached_property
     def _solution(self) -> Array:
-        return solve(self.equations.gram, self.equations.projection, self.prior)
+        return posterior_mean(self.equations.gram, self.equations.projection, self.prior)
 
     @property
     def model_amounts(self) -> Array:
@@ -104,7 +105,7 @@ def _fit_and_held_out_squares(
     squares = []
     for block in blocks:
         others = fit.equations - block
-        squares.append(block.squares_at(solve(others.gram, others.projection, fit.prior)))
+        squares.append(block.squares_at(posterior_mean(others.gram, others.projection, fit.prior)))
     return fit, np.array(squares)
 
 
@@ -139,7 +140,7 @@ def held_out(rows: BlockedRows, fit: LinearFit) -> HeldOut:
     for block in range(BLOCKS.blocks):
         own = rows.equations_by_kind(block, joints, knots)
         others = fit.equations - own.total
-        covariance = inverse(others.gram + fit.prior, fit.prior)
+        covariance = posterior_covariance(others.gram + fit.prior, fit.prior)
         squares_of_estimates += float(np.sum(covariance * own.positions.gram))
         x, design = covariance @ others.projection, rows.design(block)
         of_joints = [rows.joints.index(joint) for joint in joints]

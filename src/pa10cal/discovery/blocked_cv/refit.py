@@ -17,12 +17,7 @@ from scipy.linalg import block_diag
 
 from pa10cal.arrays import Array, Index, Mask
 from pa10cal.discovery import jacobians
-from pa10cal.discovery.blocked_cv.normal_equations import (
-    in_map_bases,
-    inverse,
-    map_columns,
-    normal_equations_of,
-)
+from pa10cal.discovery.blocked_cv.normal_equations import in_map_bases, normal_equations_of
 from pa10cal.discovery.blocked_cv.survey import Survey
 from pa10cal.discovery.finding import is_named
 from pa10cal.discovery.model_with_effects import (
@@ -39,7 +34,8 @@ from pa10cal.discovery.tuning import COMPUTING
 from pa10cal.fit.fitted import departures_hardly_known
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.numerics.least_squares import Bounds, Equations, Step, minimise
-from pa10cal.numerics.periodic_spline import b_splines_by_knots
+from pa10cal.numerics.periodic_spline import b_splines_by_knots, spline_columns
+from pa10cal.numerics.posterior import posterior_covariance
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import is_error_map
 from pa10cal.terms.term import Term
@@ -230,7 +226,7 @@ class _Problem:
         q_rad = self._survey.poses.states.q_rad[:, [each.joint - 1 for each in self._maps]]
         d = dense.shape[2]
         in_splines = normal_equations_of(
-            white, dense.reshape(-1, d), map_columns(by_angle, q_rad, knots)
+            white, dense.reshape(-1, d), spline_columns(by_angle, q_rad, knots)
         )
         rows = in_map_bases(in_splines, d, [b_splines_by_knots(each) for each in knots])
         rows = rows.along(self._place)
@@ -313,10 +309,10 @@ def inverse_of_free(normal: Array, prior: Array, free: Mask) -> Array:
     # the shape of an effect whose amount is zero has no information
     free = free & (np.diag(normal) > 0.0)
     if free.all():
-        return inverse(normal, prior)
+        return posterior_covariance(normal, prior)
     at = np.ix_(free, free)
     found = np.zeros_like(normal)
-    found[at] = inverse(normal[at], prior[at])
+    found[at] = posterior_covariance(normal[at], prior[at])
     return found
 
 
