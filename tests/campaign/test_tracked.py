@@ -10,17 +10,12 @@ import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
 
-from made_up_poses import at_rest, measured_poses
+from made_up_poses import at_rest
 from mended import simulated
-from pa10cal.arm.statics import PoseStates
-from pa10cal.campaign.description import Holdout
-from pa10cal.campaign.read import hold_out, places_of, read_campaign, repeatability_mm
+from pa10cal.campaign.read import read_campaign, repeatability_mm
 from pa10cal.campaign.tracked import notes_on_torques
-from pa10cal.discovery.blocked_cv.survey import LEAST_FOR_BLOCKS
-from pa10cal.discovery.rules import NOISE
 from pa10cal.errors import Pa10calError
 from pa10cal.files.arms import parse_arm
-from pa10cal.rules import READINGS
 from spoiling import ingest, replace, with_columns
 
 
@@ -144,84 +139,6 @@ def test_holds_out_whole_poses_where_the_rows_do_not_say_it(tracked, rule, held_
     assert sorted(set(poses.pose[poses.kind == "holdout"])) == sorted(held_out)
     assert not set(poses.pose[poses.kind == "grid"]) & set(held_out)
     assert not any("line_" in note for note in ingested.notes)  # of no use to this instrument
-
-
-@pytest.mark.slow_but_one_in(4)
-@pytest.mark.parametrize(
-    ("rule", "count", "held"),
-    [
-        ({"every": 5}, 99, 19),  # too few for a search in any case
-        ({"every": 5}, 101, 1),
-        ({"every": 5}, 120, 20),
-        ({"every": 5}, 126, 25),
-        ({"last_fraction": 0.3}, 110, 10),
-        ({"last_fraction": 0.3}, 200, 60),
-    ],
-)
-def test_poses_held_out_leave_enough_for_a_search(tmp_path, rule, count, held):
-    assert READINGS.to_search == LEAST_FOR_BLOCKS
-    assert NOISE.least_repeated_share == READINGS.repeated_share
-    folder = simulated(tmp_path / "c", "irb120", "points", poses=count, holdout_share=0.0)
-    path = folder / "campaign.yaml"
-    text = path.read_text(encoding="utf-8")
-    path.write_text(f"{text}holdout: {json.dumps(rule)}\n", encoding="utf-8")
-    without_kind(folder / "poses.csv")
-    ingested = read_campaign(folder)
-    every = ingested.observations
-    assert np.count_nonzero(every.kind == "holdout") == held
-    fewer = [note for note in ingested.notes if "held out and not" in note]
-    assert bool(fewer) == (100 < count < 126 or count == 110)
-
-
-def without_kind(path):
-    table = pd.read_csv(path)
-    table.drop(columns="kind", errors="ignore").to_csv(path, index=False)
-
-
-def readings_at(poses, repeats, labels=None, loads_N=(0.0,)):
-    """Return readings of poses of three joints drawn at random, each repeated under every load."""
-    q_rad = np.random.default_rng(3).uniform(-1.0, 1.0, (poses, 3))
-    pose, load, _ = (
-        axis.ravel()
-        for axis in np.meshgrid(
-            np.arange(poses), np.array(loads_N), np.arange(repeats), indexing="ij"
-        )
-    )
-    count = len(pose)
-    states = PoseStates(
-        q_rad=q_rad[pose.astype(int)],
-        tau_Nm=np.zeros((count, 3)),
-        arrival=np.zeros((count, 3)),
-        load_N=load,
-        temperature_C=np.full(count, np.nan),
-        time_s=np.arange(count, dtype=float),
-    )
-    return measured_poses(
-        pose=np.array([f"P{k}" for k in (pose if labels is None else labels)]),
-        states=states,
-        T_instr_ee=np.tile(np.eye(4), (count, 1, 1)),
-        cov=np.tile(1e-10 * np.eye(6), (count, 1, 1)),
-    )
-
-
-@pytest.mark.parametrize(
-    ("poses", "repeats", "loads_N", "held"),
-    [
-        (104, 4, (0.0,), 20),  # repeats judge, and 100 readings are left besides
-        (40, 3, (0.0,), 8),  # repeats judge
-        (104, 1, (0.0, 22.0), 20),  # 168 readings are left
-        (104, 1, (0.0,), 4),
-        (60, 1, (0.0, 22.0), 10),  # 100 readings are left of 120
-    ],
-)
-def test_fewer_are_held_out_only_where_a_search_needs_the_readings(poses, repeats, loads_N, held):
-    every = readings_at(poses, repeats, loads_N=loads_N)
-    places = places_of(every, np.zeros(3, dtype=bool), 0.01)
-    found, notes = hold_out(every, Holdout(every=5), "holdout", places)
-    assert len(set(found.pose[found.kind == "holdout"])) == held
-    assert bool(notes) == (held < poses // 5)
-    if notes:
-        assert notes[0].startswith(f"{held} poses are held out and not {poses // 5}, so that 100")
 
 
 @pytest.mark.parametrize("rule", ["every: 500", "last_fraction: 0.001"])

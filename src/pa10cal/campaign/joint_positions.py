@@ -23,6 +23,8 @@ from pa10cal.campaign.bounds import BEYOND_LIMITS
 from pa10cal.campaign.dwells import PAUSE
 from pa10cal.campaign.nominal_fit import placed_by_points
 from pa10cal.campaign.raw_rows import RawRows
+from pa10cal.observe.observations import Observations
+from pa10cal.rules import READINGS
 
 #: A group of neighbours that spans more than so many tolerances is parted by equal commands.
 CHAIN = 3.0
@@ -106,6 +108,44 @@ def same_commands(q: Array, tolerance: float) -> Index:
     if dense.any():
         group[dense] = group.max() + 1 + neighbour_groups(q[dense], min(SAME_COMMAND, tolerance))
     return np.asarray(pd.factorize(group)[0], dtype=np.intp)
+
+
+def places_of(every: Observations, prismatic: Mask, tolerance: float) -> Index:
+    """Number the places (N,) of readings; one place has one label, or joint positions that agree.
+
+    They agree within a tolerance [deg; mm of a joint that slides], `repeat_tolerance_deg`.
+    """
+    q = every.states.q_rad
+    by_joints = same_commands(np.where(prismatic, 1e3 * q, np.degrees(q)), tolerance)
+    by_label = pd.factorize(pd.Series(every.pose))[0]
+    label_count = int(by_label.max(initial=-1)) + 1
+    count = label_count + int(by_joints.max(initial=-1)) + 1
+    # A reading joins its label with its joint positions.
+    return connected_groups(by_label, label_count + by_joints, count)[by_label]
+
+
+def repeats_among(places: Index, load_N: Array) -> int:
+    """Return how many readings are at the place (N,) and under the load (N,) of an earlier one."""
+    return len(places) - len(np.unique(np.column_stack([places, load_N]), axis=0))
+
+
+def label_warnings(every: Observations, places: Index) -> list[str]:
+    """Return a warning of calibration readings at one place (N,) under labels of their own.
+
+    Readings of one pose are repeats by their label. Without any repeats the noise is not known.
+    """
+    grid = every.kind == "grid"
+    labels = pd.factorize(pd.Series(every.pose[grid]))[0]
+    repeats, by_place = (
+        repeats_among(each, every.states.load_N[grid]) for each in (labels, places[grid])
+    )
+    if not repeats < READINGS.least_dof <= by_place:
+        return []
+    return [
+        f"{by_place} calibration readings are at joint positions and under a load of earlier ones, "
+        f"and {repeats} are repeats by their labels: the others do not show the noise; give the "
+        "readings of one pose one label"
+    ]
 
 
 def connected_groups(first: Index, second: Index, count: int) -> Index:

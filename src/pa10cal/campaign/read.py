@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
@@ -11,16 +11,15 @@ import numpy as np
 import pandas as pd
 
 from pa10cal.arm.description import Arm
-from pa10cal.arrays import Array, Index, Mask
 from pa10cal.campaign.bounds import refuse_impossible_tool
 from pa10cal.campaign.description import (
     DESCRIPTION_FILE,
     CampaignDescription,
-    Holdout,
     nominal_arm,
     read_description,
 )
-from pa10cal.campaign.joint_positions import connected_groups, same_commands
+from pa10cal.campaign.held_out import with_held_out
+from pa10cal.campaign.joint_positions import label_warnings, places_of
 from pa10cal.campaign.raw_rows import Quarantined
 from pa10cal.campaign.screens import (
     HELD,
@@ -37,11 +36,9 @@ from pa10cal.campaign.tracked import read_tracked
 from pa10cal.errors import RawDataError
 from pa10cal.files.controller import controller_notes, controller_warnings
 from pa10cal.observe.observations import Observations
-from pa10cal.observe.paths import along_a_path, stretches_held_out
 from pa10cal.observe.time_order import with_time_validity
 from pa10cal.options import IngestOptions
 from pa10cal.results.calibration import InputFinding
-from pa10cal.rules import READINGS
 
 LINES = ("line_x", "line_y")
 #: Reasons of readings that are wrong. Rows quarantined for other reasons are merely missing.
@@ -146,10 +143,12 @@ def read_campaign(
         _refuse_prismatic(arm, folder)
     read = read_touched if instrument.from_touches else read_tracked
     ingested = read(description, arm, folder, options)
-    every, holdout_notes, warnings = _held_out_marked(
-        ingested.observations, description, arm.prismatic, f"{folder / DESCRIPTION_FILE}: holdout"
+    every, tolerance = ingested.observations, description.repeat_tolerance_deg
+    places = places_of(every, arm.prismatic, tolerance)
+    every, holdout_notes, warnings = with_held_out(
+        every, description.holdout, f"{folder / DESCRIPTION_FILE}: holdout", places
     )
-    warnings = (*ingested.warnings, *warnings)
+    warnings = (*ingested.warnings, *warnings, *label_warnings(every, places))
     recorded = ingested.timed and description.time_recorded
     every, time_notes = with_time_validity(every, arm.prismatic, recorded=recorded)
     kinds = set(every.kind)
@@ -201,161 +200,6 @@ def _refuse_prismatic(arm: Arm, folder: Path) -> None:
             allowed="revolute joints, as the resolver log gives positions in degrees",
             remedy="give the poses in files.poses, with a column in millimetres for each of them",
         )
-
-
-def _held_out_marked(
-    every: Observations, description: CampaignDescription, prismatic: Mask, where: str
-) -> tuple[Observations, tuple[str, ...], tuple[str, ...]]:
-    """Return readings with held-out poses marked as campaign.yaml states, notes and warnings."""
-    places = places_of(every, prismatic, description.repeat_tolerance_deg)
-    if (rule := description.holdout) is None:
-        notes: tuple[str, ...] = ()
-        warnings = _held_out_warnings(every, places)
-    else:
-        every, notes = hold_out(every, rule, where, places)
-        warnings = [] if "holdout" in every.kind else [_none_held_out(rule, every, places)]
-    return every, notes, (*warnings, *_label_warnings(every, places))
-
-
-def _held_out_warnings(every: Observations, places: Index) -> list[str]:
-    """Return a warning of held-out poses at places (N,) of calibration poses, if there are any."""
-    shared = np.isin(places, places[every.kind == "grid"]) & (every.kind == "holdout")
-    if not shared.any():
-        return []
-    poses = pd.unique(pd.Series(every.pose[shared]))
-    return [
-        f"held-out poses at joint positions of calibration poses: {len(poses)}, the first "
-        f"{poses[0]}: their error is too small; hold out poses with all their repeats, as "
-        "holdout: {every: 5} in campaign.yaml does"
-    ]
-
-
-def places_of(every: Observations, prismatic: Mask, tolerance: float) -> Index:
-    """Number the places (N,) of readings; one place has one label, or joint positions that agree.
-
-    They agree within a tolerance [deg; mm of a joint that slides], `repeat_tolerance_deg`.
-    """
-    q = every.states.q_rad
-    by_joints = same_commands(np.where(prismatic, 1e3 * q, np.degrees(q)), tolerance)
-    by_label = pd.factorize(pd.Series(every.pose))[0]
-    label_count = int(by_label.max(initial=-1)) + 1
-    count = label_count + int(by_joints.max(initial=-1)) + 1
-    # A reading joins its label with its joint positions.
-    return connected_groups(by_label, label_count + by_joints, count)[by_label]
-
-
-def _none_held_out(rule: Holdout, every: Observations, places: Index) -> str:
-    """Return the warning that a rule holds out no pose."""
-    stated = f"every: {rule.every}" if rule.every else f"last_fraction: {rule.last_fraction:g}"
-    count = len(np.unique(places[every.kind == "grid"]))
-    return (
-        f"no pose is held out: holdout {{{stated}}} of campaign.yaml holds out less than one of "
-        f"{count} poses; hold out more, as holdout: {{every: 5}} does"
-    )
-
-
-def _label_warnings(every: Observations, places: Index) -> list[str]:
-    """Return a warning of calibration readings at one place (N,) under labels of their own.
-
-    Readings of one pose are repeats by their label. Without any repeats the noise is not known.
-    """
-    grid = every.kind == "grid"
-    labels = pd.factorize(pd.Series(every.pose[grid]))[0]
-    repeats, by_place = (
-        np.count_nonzero(grid) - _situations(each, every.states.load_N[grid])
-        for each in (labels, places[grid])
-    )
-    if not repeats < READINGS.least_dof <= by_place:
-        return []
-    return [
-        f"{by_place} calibration readings are at joint positions and under a load of earlier ones, "
-        f"and {repeats} are repeats by their labels: the others do not show the noise; give the "
-        "readings of one pose one label"
-    ]
-
-
-def _situations(places: Index, load_N: Array) -> int:
-    """Return how many places (N,) under loads (N,) differ."""
-    return len(np.unique(np.column_stack([places, load_N]), axis=0))
-
-
-def hold_out(
-    every: Observations, rule: Holdout, where: str, places: Index
-) -> tuple[Observations, tuple[str, ...]]:
-    """Mark grid poses as held out: the last ones, every n-th, or stretches of a path.
-
-    Args:
-        every: readings in order of time.
-        rule: which poses are held out.
-        where: the key, in messages.
-        places: (N,) see `places_of`; all readings of a place are held out together.
-
-    Returns:
-        The readings, and notes.
-
-    Raises:
-        RawDataError: when rows state held-out poses too, or all poses would be held out.
-    """
-    if "holdout" in every.kind:
-        raise RawDataError(
-            "held-out poses are stated both here and in the rows",
-            where=where,
-            allowed="one of the two",
-            remedy="remove the key, or the kind holdout from the rows",
-        )
-    grid = every.kind == "grid"
-    in_time, first = np.unique(places[grid], return_index=True)
-    in_time, first = in_time[np.argsort(first)], np.sort(first)
-    stated_count = rule.count_of(len(in_time))
-    held_count, notes = _held_count(stated_count, places[grid], every.states.load_N[grid])
-    if rule.every is None:
-        chosen = in_time[len(in_time) - held_count :]
-    elif along_a_path(every.states.q_rad[grid][first]):
-        chosen = in_time[stretches_held_out(len(in_time), held_count)]
-        notes.append(
-            f"rows lie along a path, where a pose is known by its neighbours: {held_count} poses "
-            f"are held out in stretches, and not one row in {rule.every}"
-        )
-    else:
-        chosen = in_time[rule.every - 1 :: rule.every]
-        chosen = chosen[np.linspace(0, stated_count - 1, held_count).round().astype(np.intp)]
-    if 0 < len(in_time) == len(chosen):
-        raise RawDataError(
-            "all poses are held out, none is left to calibrate with",
-            where=f"{where}.last_fraction",
-            value=rule.last_fraction,
-            allowed=f"a part that leaves at least one of {len(in_time)} poses",
-            remedy="hold out fewer, such as last_fraction: 0.3",
-        )
-    kind = every.kind.astype("U7")
-    kind[grid & np.isin(places, np.asarray(chosen, dtype=np.intp))] = "holdout"
-    return replace(every, kind=kind), tuple(notes)
-
-
-def _held_count(stated_count: int, places: Index, load_N: Array) -> tuple[int, list[str]]:
-    """Return how many poses to hold out where so many are stated, and notes.
-
-    A search for effects needs its readings more than evaluation needs further held-out poses, where
-    fewer leave enough. It does not where repeats judge.
-
-    Args:
-        places: (N,) of the calibration readings.
-        load_N: (N,) of these.
-    """
-    count, readings = len(np.unique(places)), len(places)
-    repeats = readings - _situations(places, load_N)
-    if repeats >= READINGS.repeated_share * readings:
-        return stated_count, []
-    spare_count = count - int(np.ceil(READINGS.to_search * count / max(readings, 1)))
-    if not 0 < spare_count < stated_count:
-        return stated_count, []
-    are = "pose is" if spare_count == 1 else "poses are"
-    note = (
-        f"{spare_count} {are} held out and not {stated_count}, so that {READINGS.to_search} "
-        "readings are left, which a search for effects needs: the held-out error rests on so few "
-        "until more poses are measured"
-    )
-    return spare_count, [note]
 
 
 def repeatability_mm(single: Observations) -> dict[float, float]:
