@@ -57,19 +57,19 @@ def with_compliance(found: Verdict[S]) -> Verdict[S]:
     problem = _LinearProblem.of(found)
     rivals = _rivals(found, problem)
     found = _with_rivals_of_sets(found, rivals)
-    needed = needed_nats(max(found.candidates, len(springs)), found.error_rate)
+    named: list[_ShownSpring] = []
     unexplained = list(found.unexplained)
-    named: dict[JointSpring, Finding[ComplianceProof]] = {}
-    for spring, nats in _shown_springs(problem, springs, needed, rivals).items():
-        stiffness = problem.stiffness(spring)
-        proof = _proof_of(found, problem, spring, stiffness, nats, needed)
-        finding = _finding(spring, stiffness, proof, rivals[JointCompliance.id, spring.of])
-        finding = with_unknown_cause(found, finding)
+    for shown in _shown_springs(found, problem, springs, rivals):
+        finding = shown.finding(found, all_rigid_mm=shown.rigid.judged_mm)
         if (why := _why_not_named(found, finding)) is None:
-            named[spring] = finding
+            named.append(shown)
         else:
             unexplained.append(no_name(finding, found.train.after.mean_mm, why))
-    gives_way = _with_all_rigid(named, problem)
+    gives_way: tuple[Finding[ComplianceProof], ...] = ()
+    if named:
+        # This error depends on which joints have names, and no name depends on it.
+        all_rigid_mm = problem.rigid(*(shown.spring for shown in named)).judged_mm
+        gives_way = tuple(shown.finding(found, all_rigid_mm) for shown in named)
     return replace(found, gives_way=gives_way, unexplained=tuple(unexplained))
 
 
@@ -81,76 +81,74 @@ def _springs(found: Verdict) -> list[JointSpring]:
 
 
 def _shown_springs(
+    found: Verdict,
     problem: _LinearProblem,
     springs: Sequence[JointSpring],
-    needed: float,
     rivals: Mapping[tuple[str, str], tuple[Rival, ...]],
-) -> dict[JointSpring, float]:
-    """Return the springs that the poses show, with the evidence of each [nats], most first.
+) -> list[_ShownSpring]:
+    """Return the springs that the poses show, those of most evidence first.
 
     The set of effects is less likely without each, which then is in `rivals`.
     """
+    needed = needed_nats(max(found.candidates, len(springs)), found.error_rate)
     nats = {spring: problem.nats_lost_if_rigid(spring) for spring in springs}
-    by_evidence = sorted(nats, key=lambda spring: -nats[spring])
-    return {
-        spring: nats[spring]
-        for spring in by_evidence
+    return [
+        _ShownSpring(spring, problem, nats[spring], needed, rivals[JointCompliance.id, spring.of])
+        for spring in sorted(springs, key=lambda spring: -nats[spring])
         if nats[spring] >= needed and (JointCompliance.id, spring.of) in rivals
-    }
+    ]
 
 
-def _proof_of(
-    found: Verdict,
-    problem: _LinearProblem,
-    spring: JointSpring,
-    stiffness: _Stiffness,
-    nats: float,
-    needed: float,
-) -> ComplianceProof:
-    """Return the proof of a spring, as if its joint alone gave way; see `_with_all_rigid`."""
-    rigid = problem.rigid(spring)
-    return ComplianceProof(
-        lost_without_it_nats=nats,
-        needed_nats=needed,
-        sag_mrad=1e3 * stiffness.sag_rad,
-        sag_u_mrad=1e3 * stiffness.sag_u_rad,
-        rigid_mm=rms(rigid.fitted_mm),
-        gives_way_mm=rms(problem.fitted_mm),
-        held_out_rigid_mm=rigid.held_out_rms_mm,
-        held_out_gives_way_mm=problem.held_out_rms_mm,
-        all_rigid_mm=rms(rigid.judged_mm),
-        without_each_mm=rigid.judged_mm,
-        all_rigid_each_mm=rigid.judged_mm,
-        weights=_relative_to(found),
-    )
+@dataclass(frozen=True, eq=False)
+class _ShownSpring:
+    """A spring of the extended model that the poses show."""
 
+    spring: JointSpring
+    problem: _LinearProblem  # that of the extended model
+    nats: float  # log evidence lost with its joint rigid
+    needed: float  # that which a name needs
+    rivals: tuple[Rival, ...]
 
-def _finding(
-    spring: JointSpring, stiffness: _Stiffness, proof: ComplianceProof, rivals: tuple[Rival, ...]
-) -> Finding[ComplianceProof]:
-    """Return the finding of a joint that gives way."""
-    return Finding(
-        effect=JointCompliance(spring.of, spring.tau_ref_Nm),
-        x=np.array([stiffness.Nm_rad]),
-        covariance=np.array([[stiffness.u_Nm_rad**2]]),
-        alternatives=(),
-        proof=proof,
-        rivals=rivals,
-    )
+    @cached_property
+    def rigid(self) -> _LinearProblem:
+        """Return the problem with this joint rigid."""
+        return self.problem.rigid(self.spring)
 
+    @cached_property
+    def stiffness(self) -> _Stiffness:
+        """Return its stiffness and largest sag."""
+        return self.problem.stiffness(self.spring)
 
-def _with_all_rigid(
-    named: Mapping[JointSpring, Finding[ComplianceProof]], problem: _LinearProblem
-) -> tuple[Finding[ComplianceProof], ...]:
-    """Return the findings of springs with the errors that remain if all these joints are rigid."""
-    if not named:
-        return ()
-    all_rigid_mm = problem.rigid(*named).judged_mm
-    errors = {"all_rigid_mm": rms(all_rigid_mm), "all_rigid_each_mm": all_rigid_mm}
-    return tuple(
-        replace(finding, proof=finding.proof.model_copy(update=errors))
-        for finding in named.values()
-    )
+    def finding(self, found: Verdict, all_rigid_mm: Array) -> Finding[ComplianceProof]:
+        """Return the finding of the joint in a verdict.
+
+        Args:
+            found: the verdict.
+            all_rigid_mm: (P,) errors of the poses judged if all joints are rigid that have names.
+        """
+        proof = ComplianceProof(
+            lost_without_it_nats=self.nats,
+            needed_nats=self.needed,
+            sag_mrad=1e3 * self.stiffness.sag_rad,
+            sag_u_mrad=1e3 * self.stiffness.sag_u_rad,
+            rigid_mm=rms(self.rigid.fitted_mm),
+            gives_way_mm=rms(self.problem.fitted_mm),
+            held_out_rigid_mm=self.rigid.held_out_rms_mm,
+            held_out_gives_way_mm=self.problem.held_out_rms_mm,
+            all_rigid_mm=rms(all_rigid_mm),
+            without_each_mm=self.rigid.judged_mm,
+            all_rigid_each_mm=all_rigid_mm,
+            weights=_relative_to(found),
+        )
+        finding = Finding(
+            effect=JointCompliance(self.spring.of, self.spring.tau_ref_Nm),
+            x=np.array([self.stiffness.Nm_rad]),
+            covariance=np.array([[self.stiffness.u_Nm_rad**2]]),
+            alternatives=(),
+            proof=proof,
+            rivals=self.rivals,
+        )
+        return with_unknown_cause(found, finding)
 
 
 def _relative_to(found: Verdict) -> Literal["assumed", "total", "logged"] | None:
