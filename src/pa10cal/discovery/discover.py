@@ -19,7 +19,7 @@ from pa10cal.discovery.blocked_cv.survey import LEAST_FOR_BLOCKS
 from pa10cal.discovery.compliance import with_compliance
 from pa10cal.discovery.field import FieldFit, field_of, with_field
 from pa10cal.discovery.finding import Finding, is_named, label_of
-from pa10cal.discovery.gap import PairedErrors, errors_of, gap
+from pa10cal.discovery.gap import Gaps, PairedErrors, errors_of, gap
 from pa10cal.discovery.gates import gated, with_doubt, with_other_readings
 from pa10cal.discovery.joint_steps import JointSteps
 from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit
@@ -48,7 +48,6 @@ from pa10cal.discovery.sessions import (
 from pa10cal.discovery.torque_faults import stated_wrongly, with_errors_of_log
 from pa10cal.discovery.verdict import (
     Basis,
-    Gaps,
     Predicted,
     Scorer,
     Verdict,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -151,6 +152,13 @@ class PairedErrors:
         # The root mean square of a chi distribution of d degrees of freedom, over its mean.
         of_mean = np.sqrt(d / 2.0) * np.exp(gammaln(d / 2.0) - gammaln((d + 1.0) / 2.0))
         return float(of_mean * self.noise_floor_mm)
+
+
+class Gaps(NamedTuple):
+    """Errors of the calibrated model and of another, by set of poses."""
+
+    train: PairedErrors  # at the poses fitted
+    holdout: PairedErrors | None  # at held-out poses; None without any
 
 
 def means_by_label(values: Array, pose: NDArray[np.str_]) -> Array:

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from html import escape
-from typing import Any, ClassVar, Generic, Literal, NamedTuple, Self
+from typing import Any, ClassVar, Generic, Literal, Self
 
 import numpy as np
 from typing_extensions import TypeIs, TypeVar
@@ -25,6 +25,7 @@ from pa10cal.discovery.field import FieldFit, with_field
 from pa10cal.discovery.finding import Finding, Untestable, line_of, name_of
 from pa10cal.discovery.gap import (
     ErrorsByName,
+    Gaps,
     PairedErrors,
     errors_by_name,
     errors_of,
@@ -76,13 +77,6 @@ class Plan:
 NOTHING_PLANNED = Plan(())
 
 
-class Gaps(NamedTuple):
-    """Errors of the calibrated model and of another, by set of poses."""
-
-    train: PairedErrors  # at the poses fitted
-    holdout: PairedErrors | None  # at held-out poses; None without any
-
-
 @dataclass(frozen=True, eq=False)
 class Predicted:
     """A part of the error that has no name and is predicted in addition to the effects."""
@@ -93,7 +87,10 @@ class Predicted:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Basis(ABC):
-    """What a verdict rests on: the calibrated model with the effects that were found."""
+    """What a verdict rests on: the calibrated model with the effects that were found.
+
+    Methods with a body say what most bases do not have; those that have it say so.
+    """
 
     extended: ModelWithEffects  # with the effects found, but no smooth functions
     covariance: Array  # (k, k) of all its unknowns
@@ -236,7 +233,10 @@ class Verdict(Generic[S]):
     """The verdict on a campaign.
 
     The attributes are a part of the Python interface, hence flat; they stand in groups: how the
-    campaign was judged, errors with a name and without, what these data cannot show, and the gap.
+    campaign was judged, errors with a name and without, what these data cannot show, the gap, and
+    what the model says of itself. The search (`by_blocks`, `by_repeats`) sets all but those that
+    name another module, which sets them later; in which order, `discover.discover` says. Of the
+    others `findings`, `unexplained` and the gap follow every fit (`refitted_verdict`).
     """
 
     prepared: Prepared  # the campaign
@@ -252,9 +252,10 @@ class Verdict(Generic[S]):
     # order found
     findings: tuple[Finding, ...] = ()
     # joints that give way under weights that are not stated; their springs are in the calibrated
-    # model already
+    # model already (`compliance`)
     gives_way: tuple[Finding[ComplianceProof], ...] = ()
-    in_log: tuple[Finding, ...] = ()  # errors of logged torques, which were taken out of them
+    # errors of logged torques, which were taken out of them (`torque_faults`)
+    in_log: tuple[Finding, ...] = ()
     faults_of_rows: tuple[DiagnosedFault, ...] = ()  # faults of single rows, found after the search
 
     # Errors without a name: as they are reported, as the search found them, as the model has them.
@@ -264,9 +265,11 @@ class Verdict(Generic[S]):
     # smooth functions that the search chose for such parts; they are not in the model
     nameless: tuple[Effect, ...] = ()
     over_noise: bool = False  # whether the search left more than noise
+    # formulas for such parts, not in the model (`proposals`)
+    proposed: tuple[FormulaProposal, ...] = ()
     # terms of the model that predict such parts; None where held-out poses do not gain by them
+    # (`discover`)
     predicted: Predicted | None = None
-    proposed: tuple[FormulaProposal, ...] = ()  # formulas for such parts, not in the model
 
     # What these data cannot show.
 
@@ -277,7 +280,7 @@ class Verdict(Generic[S]):
     # groups of named candidates that these poses cannot separate
     indistinguishable: tuple[tuple[Effect, ...], ...] = ()
 
-    # The gap, and where the extended model holds.
+    # The gap.
 
     train: PairedErrors  # errors before and after, `predicted` included, at the poses fitted
     holdout: PairedErrors | None  # the same at held-out poses; None without any
@@ -285,19 +288,48 @@ class Verdict(Generic[S]):
     noise_floor_from: str | None = None  # its source in words; None where it is from repeats
     # that readings of single targets wander in time, in words; None where they do not
     readings_wander: str | None = None
+
+    # What the model says of itself.
+
     # joint positions within which the extended model holds; None where it holds everywhere
+    # (`no_harm`)
     falls_back: FallBack | None = None
-    otherwise: Otherwise | None = None  # the model under another explanation of the readings
+    # the model under another explanation of the readings (`gates`)
+    otherwise: Otherwise | None = None
     # whether the calibrated model has campaigns of a group contradict each other, and the extended
-    # one does not
+    # one does not (`discover`)
     campaigns_agree: bool = False
     # probability that an effect named is none of those known, and what the model lacks without it
+    # (`gates`)
     doubt: tuple[float, Discrepancy] | None = None
+
+    # What was judged, and how.
 
     @property
     def method(self) -> str | None:
         """Return how effects are judged; None where they are not sought."""
         return self.scorer.method
+
+    @property
+    def error_rate(self) -> float:
+        """Return the probability allowed of naming an effect where none is missing."""
+        return self.prepared.setup.options.error_rate
+
+    @property
+    def baseline(self) -> FittedModel:
+        """Return the calibrated model."""
+        return self.prepared.baseline
+
+    @property
+    def states(self) -> PoseStates:
+        """Return the states of the poses that were judged."""
+        return self.scorer.judged_states(self.train.poses)
+
+    @property
+    def weights_assumed(self) -> bool:
+        """Return whether torques are computed from weights that are not stated."""
+        known = weights_known(self.baseline.arm)
+        return self.prepared.torques == "masses" and known.origin != "stated"
 
     @property
     def extended(self) -> ModelWithEffects:
@@ -316,6 +348,8 @@ class Verdict(Generic[S]):
     def since(self) -> MovedZeros | None:
         """Return the steps of joints since the last of which the extended model is of the arm."""
         return self.prepared.moved if is_sought(self) and not self.holds_nowhere else None
+
+    # What the verdict says.
 
     @property
     def verdict(self) -> Word:
@@ -368,56 +402,18 @@ class Verdict(Generic[S]):
         return enough and gap.after.rms_mm < GRADES.confirmed_ratio * gap.noise_rms_mm
 
     @property
-    def error_rate(self) -> float:
-        """Return the probability allowed of naming an effect where none is missing."""
-        return self.prepared.setup.options.error_rate
-
-    @property
-    def baseline(self) -> FittedModel:
-        """Return the calibrated model."""
-        return self.prepared.baseline
-
-    @property
-    def weights_assumed(self) -> bool:
-        """Return whether torques are computed from weights that are not stated."""
-        known = weights_known(self.baseline.arm)
-        return self.prepared.torques == "masses" and known.origin != "stated"
-
-    @property
-    def states(self) -> PoseStates:
-        """Return the states of the poses that were judged."""
-        return self.scorer.judged_states(self.train.poses)
-
-    @property
     def without_name(self) -> tuple[Effect, ...]:
         """Return what shows where an error is and not its cause: maps found, and `nameless`."""
         maps = (e.effect for e in self.effects if is_error_map(e.effect))
         return (*maps, *self.nameless)
 
-    @property
-    def by_names(self) -> Gaps:
-        """Return the errors of the model with the effects alone, without what has no name."""
-        return Gaps(self.train, self.holdout) if self.predicted is None else self.predicted.by_names
+    def next_poses(self, count: int, random_seed: int = 0) -> Plan:
+        """Return at most `count` poses to measure next, from a pool drawn with a seed."""
+        return self.scorer.next_poses(self, count, random_seed)
 
-    def with_gaps(self, changed: Callable[[PairedErrors], PairedErrors]) -> Self:
-        """Return the verdict with a function applied to the gaps of train and holdout."""
-        held_out = None if self.holdout is None else changed(self.holdout)
-        return replace(self, train=changed(self.train), holdout=held_out)
-
-    @property
-    def holds_nowhere(self) -> bool:
-        """Whether all poses are left to the calibrated model."""
-        return self.falls_back is not None and self.falls_back.within.nowhere
-
-    @property
-    def trusted_holdout(self) -> PairedErrors | None:
-        """Return the gap at held-out poses without a suspected reading; None without any."""
-        return trusted(self.holdout, self.prepared.suspected)
-
-    @property
-    def gap(self) -> Mapping[str, PairedErrors | None]:
-        """Return the gap by set of poses: `train`, and `holdout`, None without held-out poses."""
-        return {"train": self.train, "holdout": self.holdout}
+    def lack_of_fit(self) -> tuple[LackOfFit, LackOfFit]:
+        """Return where data and model disagree, of the calibrated and of the extended model."""
+        return self.scorer.lack_of_fit(self)
 
     @property
     def _shown(self) -> tuple[str, ...]:
@@ -444,72 +440,27 @@ class Verdict(Generic[S]):
         lines = "".join(f"<li>{escape(line)}</li>" for line in self._shown)
         return f"<p>verdict: {self.verdict}</p><ul>{lines}</ul>"
 
-    @cached_property
-    def model(self) -> FittedModel:
-        """Return the calibrated model with the effects found, and with what is `predicted`."""
-        if not is_sought(self):
-            return self.scorer.model_with(())
-        fitted = self.extended.fitted(self.covariance)
-        if self.predicted is not None and not self.holds_nowhere:
-            fitted = with_field(fitted, self.predicted.fit)
-        fitted = self.with_targets_off(fitted)
-        return replace(
-            fitted,
-            fitted_to=self._fitted_to(),
-            seen=self.baseline.seen if self.scorer.seen is None else self.scorer.seen,
-            discrepancy=self._in_doubt(self._discrepancy_of(fitted)),
-            falls_back=self._with_field_of_fall_back(),
-            otherwise=self.otherwise,
-        )
+    # The gap.
 
-    def with_targets_off(self, fitted: FittedModel) -> FittedModel:
-        """Return a model with the errors of the targets' stated places on their apparatus."""
-        stated = self.prepared.readings.measured.by_stated_targets.shape[2]
-        off_m = self.scorer.targets_off_m(stated)
-        return with_targets_off(fitted, off_m, self.prepared.setup.apparatus_m, self.train.poses)
+    @property
+    def gap(self) -> Mapping[str, PairedErrors | None]:
+        """Return the gap by set of poses: `train`, and `holdout`, None without held-out poses."""
+        return {"train": self.train, "holdout": self.holdout}
 
-    def _with_field_of_fall_back(self) -> FallBack | None:
-        """Return `falls_back`, with what is `predicted` where the effects hold nowhere.
+    @property
+    def trusted_holdout(self) -> PairedErrors | None:
+        """Return the gap at held-out poses without a suspected reading; None without any."""
+        return trusted(self.holdout, self.prepared.suspected)
 
-        All poses are then predicted by the model fallen back to, so that the field is a part of
-        that one. Either model states what it lacks itself.
-        """
-        if self.falls_back is None or self.predicted is None or not self.holds_nowhere:
-            return self.falls_back
-        model = with_field(self.baseline, self.predicted.fit)
-        model = replace(model, discrepancy=self._discrepancy_of(model))
-        return replace(self.falls_back, model=model)
+    @property
+    def by_names(self) -> Gaps:
+        """Return the errors of the model with the effects alone, without what has no name."""
+        return Gaps(self.train, self.holdout) if self.predicted is None else self.predicted.by_names
 
-    def _discrepancy_of(self, fitted: FittedModel) -> Discrepancy | None:
-        """Return what a model lacks by the fitted poses, and by those held out of this campaign."""
-        held_out = self.trusted_holdout
-        kept_apart = None if held_out is None else held_out.poses
-        readings = complete(self.prepared.trusted, self.baseline, self.prepared.setup, fitted)
-        return discrepancy_of(fitted, self.train.poses, kept_apart=kept_apart, readings=readings)
-
-    def _in_doubt(self, lacks: Discrepancy | None) -> Discrepancy | None:
-        """Return what the model lacks, with what it does if an effect is none of those known."""
-        return lacks if lacks is None or self.doubt is None else lacks.mixed_with(*self.doubt)
-
-    def _fitted_to(self) -> FittedTo | None:
-        """Return what the model was fitted to, its grade as the effects leave it."""
-        about = self.baseline.fitted_to
-        if about is None:
-            return None
-        return about.confirmed(
-            departures=self.departures_are_confirmed,
-            campaigns=self.campaigns_agree,
-            effects=[] if self.holds_nowhere else [name_of(each.effect) for each in self.findings],
-            steps=self.since is not None,
-        )
-
-    def next_poses(self, count: int, random_seed: int = 0) -> Plan:
-        """Return at most `count` poses to measure next, from a pool drawn with a seed."""
-        return self.scorer.next_poses(self, count, random_seed)
-
-    def lack_of_fit(self) -> tuple[LackOfFit, LackOfFit]:
-        """Return where data and model disagree, of the calibrated and of the extended model."""
-        return self.scorer.lack_of_fit(self)
+    def with_gaps(self, changed: Callable[[PairedErrors], PairedErrors]) -> Self:
+        """Return the verdict with a function applied to the gaps of train and holdout."""
+        held_out = None if self.holdout is None else changed(self.holdout)
+        return replace(self, train=changed(self.train), holdout=held_out)
 
     @cached_property
     def errors_by_name(self) -> ErrorsByName:
@@ -560,6 +511,72 @@ class Verdict(Generic[S]):
             named_mm=named.found_after.distance_mm[rows],
             exported_mm=gap.found_after.distance_mm[rows],
             without_mm={findings[e]: found.distance_mm[rows] for e, found in without.items()},
+        )
+
+    # The model that a user takes away.
+
+    @cached_property
+    def model(self) -> FittedModel:
+        """Return the calibrated model with the effects found, and with what is `predicted`."""
+        if not is_sought(self):
+            return self.scorer.model_with(())
+        fitted = self.extended.fitted(self.covariance)
+        if self.predicted is not None and not self.holds_nowhere:
+            fitted = with_field(fitted, self.predicted.fit)
+        fitted = self.with_targets_off(fitted)
+        return replace(
+            fitted,
+            fitted_to=self._fitted_to(),
+            seen=self.baseline.seen if self.scorer.seen is None else self.scorer.seen,
+            discrepancy=self._in_doubt(self._discrepancy_of(fitted)),
+            falls_back=self._with_field_of_fall_back(),
+            otherwise=self.otherwise,
+        )
+
+    @property
+    def holds_nowhere(self) -> bool:
+        """Whether all poses are left to the calibrated model."""
+        return self.falls_back is not None and self.falls_back.within.nowhere
+
+    def with_targets_off(self, fitted: FittedModel) -> FittedModel:
+        """Return a model with the errors of the targets' stated places on their apparatus."""
+        stated = self.prepared.readings.measured.by_stated_targets.shape[2]
+        off_m = self.scorer.targets_off_m(stated)
+        return with_targets_off(fitted, off_m, self.prepared.setup.apparatus_m, self.train.poses)
+
+    def _with_field_of_fall_back(self) -> FallBack | None:
+        """Return `falls_back`, with what is `predicted` where the effects hold nowhere.
+
+        All poses are then predicted by the model fallen back to, so that the field is a part of
+        that one. Either model states what it lacks itself.
+        """
+        if self.falls_back is None or self.predicted is None or not self.holds_nowhere:
+            return self.falls_back
+        model = with_field(self.baseline, self.predicted.fit)
+        model = replace(model, discrepancy=self._discrepancy_of(model))
+        return replace(self.falls_back, model=model)
+
+    def _discrepancy_of(self, fitted: FittedModel) -> Discrepancy | None:
+        """Return what a model lacks by the fitted poses, and by those held out of this campaign."""
+        held_out = self.trusted_holdout
+        kept_apart = None if held_out is None else held_out.poses
+        readings = complete(self.prepared.trusted, self.baseline, self.prepared.setup, fitted)
+        return discrepancy_of(fitted, self.train.poses, kept_apart=kept_apart, readings=readings)
+
+    def _in_doubt(self, lacks: Discrepancy | None) -> Discrepancy | None:
+        """Return what the model lacks, with what it does if an effect is none of those known."""
+        return lacks if lacks is None or self.doubt is None else lacks.mixed_with(*self.doubt)
+
+    def _fitted_to(self) -> FittedTo | None:
+        """Return what the model was fitted to, its grade as the effects leave it."""
+        about = self.baseline.fitted_to
+        if about is None:
+            return None
+        return about.confirmed(
+            departures=self.departures_are_confirmed,
+            campaigns=self.campaigns_agree,
+            effects=[] if self.holds_nowhere else [name_of(each.effect) for each in self.findings],
+            steps=self.since is not None,
         )
 
 
