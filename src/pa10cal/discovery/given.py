@@ -26,9 +26,8 @@ from pa10cal.discovery.blocked_cv.block_rows import weighted_rows
 from pa10cal.discovery.blocked_cv.family import computable_shapes
 from pa10cal.discovery.blocked_cv.other_baselines import with_tilts_shown
 from pa10cal.discovery.blocked_cv.refit import refit
-from pa10cal.discovery.blocked_cv.survey import Survey
+from pa10cal.discovery.blocked_cv.survey import Survey, judged_by_blocks
 from pa10cal.discovery.credible_amounts import holds_zero
-from pa10cal.discovery.discover import judged_by_blocks
 from pa10cal.discovery.evidence.by_repeats import fit_given
 from pa10cal.discovery.evidence.fit import covariance_of, targets_off_m
 from pa10cal.discovery.evidence.problem import prepare

@@ -17,6 +17,7 @@ from pa10cal.discovery.near_poses import noise_of_near_poses
 from pa10cal.discovery.noise import Noise, with_torque_noise
 from pa10cal.discovery.nuisances import AttitudeLag, Nuisance, Wander, attitude_lag
 from pa10cal.discovery.preparation import MeasurementSetup, Prepared, complete, context_of
+from pa10cal.discovery.repeats import enough_repeats
 from pa10cal.discovery.rules import BLOCKS
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit import validity
@@ -29,6 +30,11 @@ from pa10cal.terms.effects.effect import Effect
 
 #: Fewest poses from which blocks can be held out.
 LEAST_FOR_BLOCKS = BLOCKS.blocks * BLOCKS.least_poses
+
+
+def judged_by_blocks(readings: Observations) -> bool:
+    """Return whether effects are judged by held-out blocks of poses, and not by repeats."""
+    return len(readings) >= LEAST_FOR_BLOCKS and not enough_repeats(readings)
 
 
 @dataclass(frozen=True, eq=False)
