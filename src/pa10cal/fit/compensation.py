@@ -19,8 +19,9 @@ from pa10cal.arrays import Array, Mask
 from pa10cal.errors import ModelError
 from pa10cal.fit.fitted import Compensation, FallBack, Fitted
 from pa10cal.fit.forward import Forward, T_base_away, T_flange_frame, pose_difference, predicted
-from pa10cal.fit.inverse_search import InverseSearch, middle_of_range, reached, within_limits
+from pa10cal.fit.inverse_search import InverseSearch, middle_of_range
 from pa10cal.fit.loads import blocks
+from pa10cal.fit.newton_search import reached, within_limits
 from pa10cal.rules import COMMANDS, LISTS
 
 
