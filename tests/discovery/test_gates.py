@@ -11,12 +11,14 @@ import pytest
 from made_up_arm import Missing, at_joint, measure
 from made_up_model import fitted_to
 from made_up_poses import context_of
-from pa10cal.discovery import gates, refitted_verdict
+from pa10cal.discovery import against_none, gates, refitted_verdict
+from pa10cal.discovery.against_none import reasons_against_none
 from pa10cal.discovery.credible_amounts import holds_zero
 from pa10cal.discovery.evidence.by_repeats import ByRepeats
 from pa10cal.discovery.finding import Finding
-from pa10cal.discovery.gates import gated, reasons_against_none, with_cable_torques
+from pa10cal.discovery.gates import gated, with_cable_torques
 from pa10cal.discovery.lack_of_fit import pure_error_test
+from pa10cal.discovery.other_explanations import with_doubt, with_other_readings
 from pa10cal.discovery.refitted_verdict import unfit, with_findings, without_names
 from pa10cal.discovery.rules import NAMES
 from pa10cal.files.arms import load_arm
@@ -294,7 +296,7 @@ def test_predictions_hold_that_an_effect_of_the_instrument_may_not_be_there(wave
         replace(each, unknown_probability=0.3) if each.id == "cmm_squareness" else each
         for each in two.findings
     ]
-    otherwise = gates.with_other_readings(replace(two, findings=tuple(unsure))).otherwise
+    otherwise = with_other_readings(replace(two, findings=tuple(unsure))).otherwise
     assert otherwise.probability == pytest.approx(0.3, abs=0.05)
     assert all(term.id != "cmm_squareness" for term in otherwise.model.model.terms)
     assert np.abs(otherwise.model.T_instr_base - two.model.T_instr_base).max() > 1e-7
@@ -303,9 +305,9 @@ def test_predictions_hold_that_an_effect_of_the_instrument_may_not_be_there(wave
 def test_predictions_hold_that_an_effect_may_be_none_of_those_known(wave):
     """It is then an imitation, and errors of other poses are as large as without it."""
     sure = wave.discovery
-    assert gates.with_doubt(sure).doubt is None
+    assert with_doubt(sure).doubt is None
     (named,) = sure.findings
-    unsure = gates.with_doubt(replace(sure, findings=(replace(named, unknown_probability=0.3),)))
+    unsure = with_doubt(replace(sure, findings=(replace(named, unknown_probability=0.3),)))
     probability, without = unsure.doubt
     assert probability == pytest.approx(0.3, abs=0.05)
     found, lacks = unsure.model.discrepancy, sure.model.discrepancy
@@ -319,7 +321,7 @@ def test_what_uncertain_weights_take_up_is_no_comfort(monkeypatch, wave, nothing
     assert "the weights may differ from the description" not in "".join(
         reasons_against_none(wave.discovery)
     )
-    monkeypatch.setattr(gates, "holds_weights", lambda term: True)
+    monkeypatch.setattr(against_none, "holds_weights", lambda term: True)
     assert "the weights may differ from the description" in "".join(
         reasons_against_none(wave.discovery)
     )

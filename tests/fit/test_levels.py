@@ -8,7 +8,7 @@ import pytest
 
 from pa10cal.arm.statics import PoseStates
 from pa10cal.discovery.finding import Finding, Rival
-from pa10cal.discovery.gates import others_of_position
+from pa10cal.discovery.other_explanations import others_of_position
 from pa10cal.fit.levels import by_levels, levels_of
 from pa10cal.fit.rows_about_fit import RowsAboutFit
 from pa10cal.fit.validity import Discrepancy

@@ -16,7 +16,7 @@ from pa10cal.discovery.compliance import with_compliance
 from pa10cal.discovery.field import FieldFit, field_of, with_field
 from pa10cal.discovery.finding import Finding, is_named, label_of
 from pa10cal.discovery.gap import Gaps, PairedErrors, errors_of
-from pa10cal.discovery.gates import gated, with_doubt, with_other_readings
+from pa10cal.discovery.gates import gated
 from pa10cal.discovery.joint_steps import JointSteps
 from pa10cal.discovery.log_faults import (
     DiagnosedFault,
@@ -34,6 +34,7 @@ from pa10cal.discovery.not_sought import (
     orientations_off,
     too_few_poses,
 )
+from pa10cal.discovery.other_explanations import with_doubt, with_other_readings
 from pa10cal.discovery.preparation import MeasurementSetup, Prepared, complete, prepared
 from pa10cal.discovery.probabilities import with_likely_alternatives
 from pa10cal.discovery.proposals import with_lines_named, with_proposals

@@ -12,11 +12,9 @@ from typing import TypeVar
 
 import numpy as np
 
-from pa10cal.calibration.grade_evidence import most_stated
-from pa10cal.calibration.rules import GRADES
+from pa10cal.discovery.against_none import reasons_against_none
 from pa10cal.discovery.balancers import with_balancers
 from pa10cal.discovery.credible_amounts import holds_zero
-from pa10cal.discovery.field import with_field
 from pa10cal.discovery.finding import Finding, Rival, is_named, name_of
 from pa10cal.discovery.in_time import grows_instead
 from pa10cal.discovery.no_harm import harmed, harmless, worse_than
@@ -34,13 +32,8 @@ from pa10cal.discovery.refitted_verdict import (
 )
 from pa10cal.discovery.rules import NAMES, PROBABILITIES
 from pa10cal.discovery.target_wander import wander_instead_of
-from pa10cal.discovery.verdict import Scorer, Verdict, is_sought
-from pa10cal.fit.fitted import Otherwise
+from pa10cal.discovery.verdict import Scorer, Verdict
 from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.fit.forward import moves_robot
-from pa10cal.fit.levels import of_position
-from pa10cal.fit.position_errors import mean_noise_error_mm
-from pa10cal.fit.uncertain_weights import open_unknowns
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.time_order import covariates, measured_again, slow_joints
 from pa10cal.results.discovery import Unexplained
@@ -53,22 +46,23 @@ from pa10cal.terms.effects.over_time import BaseDrift, ThermalGrowth
 from pa10cal.terms.effects.readings import Scale
 from pa10cal.terms.effects.slide import SlideScale
 from pa10cal.terms.statement_faults import is_fault
-from pa10cal.terms.weights import holds_weights
 
 S = TypeVar("S", bound=Scorer)
 
-#: Grades of the calibration that rule out the verdict `none`.
-AGAINST_NONE = ("suspect_input", "not_converged")
-#: The same where repeats show the noise. Without repeats the grade `incomplete` rests on a stated
-#: uncertainty, which may be off by `names.agree_ratio`.
-AGAINST_NONE_BY_REPEATS = (*AGAINST_NONE, "incomplete")
-
 
 def gated(found: Verdict[S]) -> Verdict[S]:
-    """Return a verdict with names that pass the checks, or a `none` that passes its own."""
-    found = _with_names_that_pass(with_balancers(with_levels_held_out(found)))
-    found = _with_one_kind(_with_likeliest_names(found))
+    """Return a verdict with names that pass the checks, or a `none` that passes its own.
+
+    The order matters: rivals are likely or not by all that is known of them, names are exchanged
+    before any is withdrawn for want of probability, and that no harm is done is judged of the names
+    that are left.
+    """
+    # what is known of findings and rivals besides the search
+    found = with_balancers(with_levels_held_out(found))
+    # each name by itself, then among its rivals, and the likeliest of them
+    found = _with_one_kind(_with_likeliest_names(_with_names_that_pass(found)))
     found = _without_unproven_statements(_without_unlikely_names(found))
+    # rivals that need no further fit, and held-out poses
     found = _without_names_that_move_nothing(_with_other_leads(with_cable_torques(found)))
     if found.verdict == "none" and (reasons := tuple(reasons_against_none(found))):
         why = f"nothing was found beside the calibrated model, yet {'; '.join(reasons)}"
@@ -408,177 +402,3 @@ def _robot_in_place_of_instrument(found: Verdict[S], finding: Finding) -> Verdic
     others = tuple(effect for effect in finding.alternatives if effect.error_of == "readings")
     listed = (*others, finding.effect)
     return _alternative(found, finding, robots, listed) or found
-
-
-def with_other_readings(found: Verdict) -> Verdict:
-    """Return a verdict whose model knows what it predicts if instrument or log err otherwise.
-
-    That is where an effect of the robot and one of the instrument, or of the log, explain the
-    readings alike: predictions hold the first alone. An effect of the instrument that is not sure
-    may not be there, and the geometry is then false that was fitted beside it. Of several such
-    explanations it is the likeliest. So with effects of a joint's position where it stood at few
-    places, and these are alike: between them predictions differ by as much as the likeliest other
-    does, unless it is the effect named.
-    """
-    if not is_sought(found):
-        return found
-    pairs: list[tuple[float, Finding, Effect | None]] = [
-        (probability, finding, other)
-        for finding in found.findings
-        for other, probability in finding.explanations.named
-        if _whose_error(other) != _whose_error(finding.effect)
-        and probability >= PROBABILITIES.other_readings
-        and is_named(finding.effect)
-        and is_named(other)
-    ]
-    pairs += [
-        (may_be_right, finding, None)
-        for finding in found.findings
-        if finding.effect.error_of == "readings"
-        and is_named(finding.effect)
-        and (may_be_right := _readings_may_be_right(finding)) > 1.0 - PROBABILITIES.surely
-    ]
-    pairs += [
-        (1.0 - finding.explanations.probability(finding.effect), finding, other)
-        for finding in found.findings
-        if is_named(finding.effect) and np.isfinite(finding.odds_by_levels)
-        for other in others_of_position(finding)[:1]
-    ]
-    if not pairs:
-        return found
-    probability, finding, other = max(pairs, key=lambda pair: pair[0])
-    about: Verdict | None
-    if other is None:
-        about = with_findings(found, [one for one in found.findings if one is not finding])
-    else:
-        about = fitted_instead(found, finding, finding.exchanged_for(other))
-    if about is None:
-        return found
-    model = about.with_targets_off(about.scorer.extended.fitted())
-    if found.predicted is not None:
-        model = with_field(model, found.predicted.fit)
-    model = replace(model, covariance=None)
-    return replace(found, otherwise=Otherwise(model, probability))
-
-
-def with_doubt(found: Verdict) -> Verdict:
-    """Return a verdict that knows what its model lacks if an effect named is none of those known.
-
-    Of an error without a name an effect is an imitation: it then predicts other poses no better
-    than the model without it, as far as is known. Of several such effects it is the least sure.
-    """
-    # A field is fitted beside all effects. Of the instrument's `otherwise` says more.
-    if not is_sought(found) or found.predicted is not None:
-        return found
-    doubted = [
-        finding
-        for finding in found.findings
-        if is_named(finding.effect)
-        and moves_robot(finding.effect)
-        and finding.explanations.none_of_these > 1.0 - PROBABILITIES.surely
-    ]
-    if not doubted:
-        return found
-    least_sure = max(doubted, key=lambda finding: finding.explanations.none_of_these)
-    without = with_findings(found, [each for each in found.findings if each is not least_sure])
-    lacks = without.model.discrepancy
-    if lacks is None:
-        return found
-    return replace(found, doubt=(least_sure.explanations.none_of_these, lacks))
-
-
-def others_of_position(finding: Finding) -> list[Effect]:
-    """Return the likely other effects of the position of a finding's joint, the likeliest first."""
-    return [
-        other
-        for other, probability in finding.explanations.named
-        if other != finding.effect
-        and other.of == finding.of
-        and probability >= PROBABILITIES.least
-        and of_position(other)
-        and is_named(other)
-    ]
-
-
-def _readings_may_be_right(finding: Finding) -> float:
-    """Return the probability that no error of the instrument is in the place of a finding."""
-    of_readings = [p for effect, p in finding.explanations.named if effect.error_of == "readings"]
-    return 1.0 - sum(of_readings)
-
-
-def _whose_error(effect: Effect) -> str:
-    """Return whose error an effect is, as far as predictions differ by it."""
-    return "robot" if moves_robot(effect) else effect.error_of
-
-
-def _origin(found: Verdict) -> str:
-    """Return where the noise of a verdict comes from, in words without a reason."""
-    return (found.noise_floor_from or "").partition(":")[0]
-
-
-def _disagreements(found: Verdict) -> Iterator[str]:
-    """Yield disagreements between errors, repeatability and stated uncertainty, in words."""
-    train, holdout = found.train, found.trusted_holdout
-    measured, floor_mm = train.poses.measured, train.noise_floor_mm
-    # Residuals of the fit are smaller than errors by the parameters it takes up; predictions have
-    # its uncertainty in addition.
-    unknowns, components = open_unknowns(found.model.model), int(measured.components_seen.sum())
-    fitted_share = min(unknowns / max(components, 1), GRADES.most_taken_share)
-    compared = [
-        ("the remaining error", train.after.mean_mm / np.sqrt(1.0 - fitted_share), floor_mm)
-    ]
-    if holdout is not None:
-        expected_mm = float(np.hypot(holdout.noise_floor_mm, floor_mm * np.sqrt(fitted_share)))
-        compared.append(("the held-out error", holdout.after.mean_mm, expected_mm))
-    # Errors below the repeatability are not those of these readings. Errors below a stated
-    # uncertainty cannot be seen, and need not be.
-    by_repeats = found.noise_floor_from is None
-    source = "the repeatability" if by_repeats else f"the noise by {_origin(found)}"
-    for name, value_mm, expected_mm in compared:
-        below = by_repeats and value_mm < expected_mm / NAMES.agree_ratio
-        if below or value_mm > NAMES.agree_ratio * expected_mm:
-            yield f"{name} is {value_mm:.3g} mm where {source} gives {expected_mm:.3g} mm"
-    stated_mm = mean_noise_error_mm(measured, measured.stated_covariance)
-    joints_mm = GRADES.joint_rad * measured.spread_mm
-    most = most_stated(NAMES.agree_ratio, from_touches=measured.from_touches)
-    too_small = stated_mm > most * floor_mm
-    if too_small or floor_mm > NAMES.agree_ratio * np.hypot(stated_mm, joints_mm):
-        yield (
-            f"{source} is {floor_mm:.3g} mm where the stated uncertainty gives {stated_mm:.3g} mm"
-        )
-
-
-def reasons_against_none(found: Verdict) -> Iterator[str]:
-    """Yield what speaks against the verdict that nothing is missing, in words."""
-    yield from _disagreements(found)
-    train = found.train
-    weights = [term for term in found.model.model.terms if holds_weights(term)]
-    before_mm, after_mm = train.before.mean_mm, train.after.mean_mm
-    if (
-        weights
-        and after_mm < NAMES.most_left_share * before_mm
-        and train.reduction.interval95_mm[0] > 0.0
-    ):
-        yield (
-            f"the error falls from {before_mm:.3g} to {after_mm:.3g} mm if the weights may differ "
-            "from the description: they do, or an effect of gravity is present (such as "
-            "encoder_eccentricity of a joint that lifts); logged torques would show which"
-        )
-    torque = found.scorer.torque_test
-    if (
-        torque is not None
-        and NAMES.most_torque_ratio < torque.F
-        and torque.p_value < NAMES.torque_p_value
-    ):
-        yield (
-            f"the logged torques differ from those of the weights: F = {torque.F:.3g}, "
-            "as with wrong loads, masses or directions"
-        )
-    by_repeats, grade = found.noise_floor_from is None, found.baseline.grade
-    fitted = found.baseline.fitted_to
-    shown = "" if fitted is None else fitted.outliers_show
-    if grade == "incomplete" and shown:
-        yield f"the calibration is {grade}, with suspected outliers: {shown}"
-    elif grade in (AGAINST_NONE_BY_REPEATS if by_repeats else AGAINST_NONE):
-        suspicions = () if fitted is None else fitted.suspicions
-        yield ": ".join([f"the calibration is {grade}", *(str(each) for each in suspicions[:1])])

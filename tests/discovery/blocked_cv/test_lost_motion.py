@@ -16,7 +16,7 @@ from pa10cal.discovery.blocked_cv.judge import Judged
 from pa10cal.discovery.blocked_cv.lost_motion import lost_motion_instead, stand_for_lost_motion
 from pa10cal.discovery.blocked_cv.outcome import search_survey
 from pa10cal.discovery.finding import Rival
-from pa10cal.discovery.gates import with_other_readings
+from pa10cal.discovery.other_explanations import with_other_readings
 from pa10cal.terms.effects.arrivals import AlongMove, LostMotion, MoveSettling
 from pa10cal.terms.effects.context import CandidateContext
 from pa10cal.terms.effects.joint import Backlash, FrictionTorque
