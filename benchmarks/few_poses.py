@@ -255,9 +255,9 @@ def base_and_tool(folder: Path, prior: FittedModel) -> FittedModel:
 def with_changes(folder: Path, prior: FittedModel, joints: list[int]) -> FittedModel:
     """Return the model with the zeros of some joints freed beside base and tool."""
     from pa10cal.calibration.general import calibrate
-    from pa10cal.calibration.general.case import fitted
+    from pa10cal.calibration.general.as_model import fitted
     from pa10cal.calibration.general.fit import fit
-    from pa10cal.calibration.general.other_campaign import prior_of
+    from pa10cal.calibration.general.prior import prior_of
     from pa10cal.calibration.general.problem import with_unknown_frames
     from pa10cal.calibration.general.unknowns import choose_unknowns
     from pa10cal.fit.loads import with_torques

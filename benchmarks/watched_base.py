@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
+from pa10cal.calibration.general.as_model import fitted
 from pa10cal.calibration.general.calibrate import calibrate_general, find_start
-from pa10cal.calibration.general.case import fitted
 from pa10cal.calibration.general.unknowns import choose_unknowns
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.read import read_campaign

@@ -9,8 +9,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from made_up_poses import at_joint, nothing
+from pa10cal.calibration.general.as_model import fitted
 from pa10cal.calibration.general.calibrate import calibrate_general, find_start
-from pa10cal.calibration.general.case import fitted
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.discovery.blocked_cv.by_blocks import ByBlocks, discover_by_blocks
 from pa10cal.discovery.blocked_cv.survey import Survey

@@ -7,8 +7,8 @@ import numpy as np
 from benchmarks.peers.adapter import Fitted, main
 from benchmarks.peers.problem import Array, Problem
 from pa10cal.arm.statics import PoseStates
+from pa10cal.calibration.general.as_model import fitted
 from pa10cal.calibration.general.calibrate import calibrate_general, find_start
-from pa10cal.calibration.general.case import fitted
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.commands.command_line import keep_memory, limit_threads
 from pa10cal.files.arms import load_arm

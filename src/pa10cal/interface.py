@@ -170,7 +170,7 @@ def calibrate(
     prior = prior or options.prior
     model = load_model(prior) if isinstance(prior, str | Path) else prior
     if model is not None:
-        from pa10cal.calibration.general.other_campaign import refuse_unsound
+        from pa10cal.calibration.general.prior import refuse_unsound
 
         refuse_unsound(model, force=force)
     measured = campaign.description, campaign.arm, campaign.observations
@@ -210,7 +210,7 @@ def discover(
         CalibrationError: when the model is of another arm or of other targets than the campaign, or
             a joint with a spring has no torque.
     """
-    from pa10cal.calibration.general.other_campaign import refuse_another_arm
+    from pa10cal.calibration.general.prior import refuse_another_arm
     from pa10cal.discovery.discover import discover as search
     from pa10cal.discovery.preparation import setup_of
 

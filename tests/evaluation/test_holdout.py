@@ -15,8 +15,8 @@ from changed_arm import Change, draw_changed
 from drawn_examples import examples
 from made_up_poses import at_rest, measured_poses
 from pa10cal.arm.chain import Chain
+from pa10cal.calibration.general.as_model import fitted
 from pa10cal.calibration.general.calibrate import calibrate_general, find_start
-from pa10cal.calibration.general.case import fitted
 from pa10cal.discovery.nuisances import MovedZeros
 from pa10cal.discovery.preparation import MeasurementSetup
 from pa10cal.discovery.verdict_records import Extended

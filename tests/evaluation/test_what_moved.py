@@ -10,8 +10,8 @@ import pytest
 from changed_arm import Change, draw_changed, plan_of
 from made_up_pair import campaign, parts, shifted
 from made_up_poses import context_of
+from pa10cal.calibration.general.as_model import fitted
 from pa10cal.calibration.general.calibrate import calibrate_general, find_start
-from pa10cal.calibration.general.case import fitted
 from pa10cal.errors import ModelError
 from pa10cal.evaluation.parameter_differences import differences
 from pa10cal.evaluation.what_moved import drift, what_moved

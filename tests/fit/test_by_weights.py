@@ -9,8 +9,8 @@ from made_up_poses import at_rest, measured_poses
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import weights_known
 from pa10cal.arm.statics import Payload
+from pa10cal.calibration.general.as_model import fitted, with_discrepancy
 from pa10cal.calibration.general.calibrate import calibrate_general, find_start
-from pa10cal.calibration.general.case import fitted, with_discrepancy
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.loads import with_torques

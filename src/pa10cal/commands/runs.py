@@ -204,7 +204,7 @@ def _checked_prior(given: Path, results: Sequence[Path], folder: Path, arms: Pat
     One that is unsound, of another arm than the campaign of a folder, or among the results to be
     made is refused.
     """
-    from pa10cal.calibration.general.other_campaign import refuse_as_prior, refuse_unsound
+    from pa10cal.calibration.general.prior import refuse_as_prior, refuse_unsound
     from pa10cal.campaign.description import nominal_arm, read_description
     from pa10cal.fit.model_reading import load_model, model_file
     from pa10cal.planning.campaign import check_prior

@@ -121,7 +121,7 @@ def calibrate(
 def _read_prior(path: Path, general: bool, *, force: bool) -> FittedModel:
     """Read the model to start from; refuse an unsound one, and any for the paper's model."""
     from pa10cal.calibration.campaign import refuse_prior
-    from pa10cal.calibration.general.other_campaign import refuse_unsound
+    from pa10cal.calibration.general.prior import refuse_unsound
     from pa10cal.fit.model_reading import load_model
 
     model = load_model(path)

@@ -11,7 +11,8 @@ import pytest
 from calibrated import general
 from made_up_model import case_of
 from pa10cal.arm.statics import Payload
-from pa10cal.calibration.general.case import fitted, suspected_outliers
+from pa10cal.calibration.general.as_model import fitted
+from pa10cal.calibration.general.case import suspected_outliers
 from pa10cal.calibration.options import GeneralOptions
 from pa10cal.errors import CalibrationError, TooFewPosesError
 from pa10cal.files.arms import load_arm

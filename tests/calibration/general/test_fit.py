@@ -7,7 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from calibrated import general
-from pa10cal.calibration.general.case import fit_summary, fitted, suspected_outliers
+from pa10cal.calibration.general.as_model import fit_summary, fitted
+from pa10cal.calibration.general.case import suspected_outliers
 from pa10cal.observe.points import Distance, Points
 from pa10cal.observe.pose import Pose
 

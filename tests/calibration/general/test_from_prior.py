@@ -16,9 +16,11 @@ from scipy.stats import multivariate_normal
 from calibrated import general
 from changed_arm import Change, draw_changed, plan_of
 from made_up_model import fitted_to
+from pa10cal.calibration.general.as_model import fitted, with_discrepancy
 from pa10cal.calibration.general.calibrate import find_start
-from pa10cal.calibration.general.case import fitted, general_case, with_discrepancy
-from pa10cal.calibration.general.other_campaign import calibrate_from, prior_of, refuse_unsound
+from pa10cal.calibration.general.case import general_case
+from pa10cal.calibration.general.other_campaign import calibrate_from
+from pa10cal.calibration.general.prior import prior_of, refuse_unsound
 from pa10cal.calibration.load_case import LoadCase
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.discovery.discover import discover

@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 from calibrated import general
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.statics import Payload, statics
+from pa10cal.calibration.general.as_model import fitted
 from pa10cal.calibration.general.calibrate import find_start, start_of
-from pa10cal.calibration.general.case import fitted
 from pa10cal.calibration.general.per_campaign import contradictions, per_campaign_fits
 from pa10cal.calibration.general.unknowns import choose_unknowns
 from pa10cal.calibration.noisy_campaign import noisy_campaign

@@ -7,7 +7,7 @@ import pytest
 
 from calibrated import general
 from pa10cal.arm.description import with_hayati_rows
-from pa10cal.calibration.general.case import fitted
+from pa10cal.calibration.general.as_model import fitted
 from pa10cal.files.arms import load_arm
 
 TILTS_DEG = (0.01, 0.1, 0.5)

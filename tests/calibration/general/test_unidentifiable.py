@@ -11,7 +11,7 @@ from calibrated import general
 from drawn_examples import examples
 from made_up_model import case_of
 from pa10cal.arm.chain import Chain
-from pa10cal.calibration.general.case import fitted
+from pa10cal.calibration.general.as_model import fitted
 from pa10cal.files.arms import load_arm
 from pa10cal.observe.points import Points
 

@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 from made_up_poses import at_rest, measured_poses
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.statics import Payload
+from pa10cal.calibration.general.as_model import fitted
 from pa10cal.calibration.general.calibrate import calibrate_general, find_start
-from pa10cal.calibration.general.case import fitted
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.discovery.discover import discover
 from pa10cal.discovery.preparation import MeasurementSetup
