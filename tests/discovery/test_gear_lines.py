@@ -12,8 +12,8 @@ from made_up_survey import ARM, Hidden, observe
 from pa10cal.arm.chain import Chain
 from pa10cal.discovery import jacobians
 from pa10cal.discovery.finding import effect_parameters
+from pa10cal.discovery.gear_lines import gear_lines, stroke_waves
 from pa10cal.discovery.jacobians import WhitenedPoses
-from pa10cal.discovery.residual_candidates import gear_lines, stroke_waves
 from pa10cal.terms.effects.gear_line import GearLine
 from pa10cal.terms.effects.slide import SlideError
 from pa10cal.terms.model import Model

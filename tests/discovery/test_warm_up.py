@@ -8,10 +8,11 @@ import pytest
 import pa10cal
 from made_up_survey import observe
 from mended import mend, write_simulated
-from pa10cal.discovery import jacobians, residual_candidates
+from pa10cal.discovery import jacobians
+from pa10cal.discovery import warm_ups as warm_ups_of_residual
 from pa10cal.discovery.model_with_effects import with_base_motion
 from pa10cal.discovery.pose_scatter import unweighted
-from pa10cal.discovery.residual_candidates import warm_ups_shown
+from pa10cal.discovery.warm_ups import warm_ups_shown
 
 POSES, SECONDS, TAU_S = 150, 60.0, 900.0
 TARGETS_MM = [f"T{target}_{axis}_mm" for target in (1, 2, 3) for axis in "xyz"]
@@ -134,7 +135,7 @@ def test_joints_that_settle_together_are_shown_with_their_time_constant(survey):
 
 def test_one_pose_shows_no_warm_up(survey, monkeypatch):
     """Nor if nothing else that settles explains it; several poses do."""
-    monkeypatch.setattr(residual_candidates, "_best_motion", lambda *_: -np.inf)
+    monkeypatch.setattr(warm_ups_of_residual, "_best_motion", lambda *_: -np.inf)
     off = 2e-3 * np.array([1.0, 1.0, -1.0, 1.0, 1.0, 1.0])
     rank = np.argsort(np.argsort(survey.poses.states.time_s))
     assert shown(survey, np.outer(rank < 1, off)) == ()

@@ -32,9 +32,9 @@ from pa10cal.discovery.evidence.by_repeats import fit_given
 from pa10cal.discovery.evidence.fit import covariance_of, targets_off_m
 from pa10cal.discovery.evidence.problem import prepare
 from pa10cal.discovery.finding import effect_parameters, is_named, label_of
+from pa10cal.discovery.gear_lines import gear_lines
 from pa10cal.discovery.model_with_effects import ModelWithEffects, held_unknowns, with_targets_off
 from pa10cal.discovery.preparation import MeasurementSetup, Prepared, complete, prepared, setup_of
-from pa10cal.discovery.residual_candidates import gear_lines
 from pa10cal.discovery.rules import MAPS
 from pa10cal.errors import CalibrationError, remedy_for
 from pa10cal.fit.discrepancy import by_uncertain_joints_mm, discrepancy_of, lacking_mm

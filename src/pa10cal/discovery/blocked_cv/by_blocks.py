@@ -36,6 +36,7 @@ from pa10cal.discovery.blocked_cv.refit import PartialFits, Refit, refit, square
 from pa10cal.discovery.blocked_cv.survey import Survey
 from pa10cal.discovery.finding import Finding
 from pa10cal.discovery.gap import PairedErrors, errors_of, gap
+from pa10cal.discovery.gear_lines import stroke_waves
 from pa10cal.discovery.joint_steps import JointSteps
 from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit
 from pa10cal.discovery.next_poses import poses_at_unseen_angles, separating_poses, unresolved_pairs
@@ -44,7 +45,6 @@ from pa10cal.discovery.nuisances import MovedZeros, motion_unexplained
 from pa10cal.discovery.pose_scatter import AS_FOUND, PoseDeviations, scatter_of, share_inside
 from pa10cal.discovery.preparation import Prepared, complete
 from pa10cal.discovery.refitted_verdict import with_findings
-from pa10cal.discovery.residual_candidates import stroke_waves
 from pa10cal.discovery.rules import BLOCKS, NAMES, PROBABILITIES
 from pa10cal.discovery.short_forms import FormComparison
 from pa10cal.discovery.target_wander import in_words

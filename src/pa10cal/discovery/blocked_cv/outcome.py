@@ -45,14 +45,16 @@ from pa10cal.discovery.blocked_cv.search import Search
 from pa10cal.discovery.blocked_cv.survey import Survey, interleaved_blocks
 from pa10cal.discovery.changed import NO_OTHER_CAUSES, Change, OtherCauses, change_of, other_causes
 from pa10cal.discovery.finding import Untestable
+from pa10cal.discovery.gear_lines import gear_lines
 from pa10cal.discovery.in_time import in_time_of
 from pa10cal.discovery.joint_steps import JointSteps, joint_steps_of
 from pa10cal.discovery.nuisances import NO_MOTION, TimeFindings
 from pa10cal.discovery.pose_scatter import AS_FOUND, PoseWeights, weights_with_joints
 from pa10cal.discovery.preparation import sought
-from pa10cal.discovery.residual_candidates import gear_lines, warm_ups_shown, wobbles
 from pa10cal.discovery.rules import LINES, MAPS
 from pa10cal.discovery.target_wander import target_wander
+from pa10cal.discovery.warm_ups import warm_ups_shown
+from pa10cal.discovery.wobbles import wobbles
 from pa10cal.observe.points import keep_their_distances
 from pa10cal.results.discovery import Tried
 from pa10cal.terms.effects.effect import Effect, is_effect

@@ -17,12 +17,13 @@ from pa10cal.discovery.evidence.fit import EvidenceFit, fit
 from pa10cal.discovery.evidence.likelihood import CandidateSet, Score, SetEvidence
 from pa10cal.discovery.evidence.noise_model import NO_SHARED_ERROR, SharedVariances
 from pa10cal.discovery.evidence.problem import EvidenceProblem, prepare
+from pa10cal.discovery.gear_lines import gear_lines
 from pa10cal.discovery.jacobians import WhitenedPoses
 from pa10cal.discovery.preparation import effects_in, why_few_angles
 from pa10cal.discovery.proof import needed_nats
-from pa10cal.discovery.residual_candidates import gear_lines, wobbles
 from pa10cal.discovery.rules import EVIDENCE, LINES, MAPS
 from pa10cal.discovery.tuning import COMPUTING
+from pa10cal.discovery.wobbles import wobbles
 from pa10cal.numerics.covariances import whitener_of
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.gear_line import GearLine, is_gear_line

@@ -77,7 +77,7 @@ RoleInSearch = Literal[
     # As it is flexible enough to imitate several others: where blocks judge and weights are stated,
     # only in place of another effect; under other weights only in sets.
     "substitute",
-    # Where a residual shows it or a map goes by its name: `discovery/residual_candidates`,
+    # Where a residual shows it or a map goes by its name: `discovery/model_columns`,
     # `discovery/short_forms`, `discovery/blocked_cv/map_causes`.
     "proposed",
 ]

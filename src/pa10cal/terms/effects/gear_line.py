@@ -20,7 +20,7 @@ class GearLine(AtJoint):
 
     A toothed wheel or a motor off its centre errs once a turn of its own, a harmonic drive twice a
     turn of its wave generator. Searches try it only where the spectrum of the joint's error has a
-    line (`discovery/residual_candidates`). If the ratio is stated, this effect is
+    line (`discovery/gear_lines`). If the ratio is stated, this effect is
     `transmission_error`. What repeats k times a turn and is no sine has waves at multiples of k.
     """
 

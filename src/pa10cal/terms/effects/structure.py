@@ -205,7 +205,7 @@ class AxisWobble(AtJoint):
     the axis on the link before it, k = 1 one on the link after it: both are geometry. Of the first
     harmonic only k = -1 remains, half of a tilt about one fixed line; of the second k = 2 and -2,
     all of it. A soft bearing can do the same: the effect is sought only where it explains more than
-    all compliances (`discovery/residual_candidates`).
+    all compliances (`discovery/wobbles`).
     """
 
     # of the first joint, its unit tilts about x and y as motions of the base (2, 6); else None

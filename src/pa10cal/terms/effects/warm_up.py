@@ -32,7 +32,7 @@ _SHORTEST, _USUAL, _LONGEST = 1e-3, 0.1, 0.2
 class WarmsUp(Effect):
     """Something that a part of the arm lacks until it is warm: -A exp(-(t - start) / tau).
 
-    It is sought where the first poses show it (`discovery/residual_candidates`).
+    It is sought where the first poses show it (`discovery/warm_ups`).
     """
 
     start_s: float  # time of the first reading
