@@ -17,9 +17,9 @@ from typing_extensions import override
 
 from pa10cal.arrays import Array, Index, rms
 from pa10cal.discovery import jacobians
-from pa10cal.discovery.in_time import by_pose_and_time
 from pa10cal.discovery.log_faults import DiagnosedFault
 from pa10cal.discovery.nuisances import Jump, Nuisance, Wander, between_rows, steps_in_time
+from pa10cal.discovery.pose_columns import by_pose_and_time
 from pa10cal.discovery.rules import CHANGE, MOTION
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.position_errors import mean_noise_error_mm, position_error_mm

@@ -12,13 +12,12 @@ from typing import TypeVar
 
 import numpy as np
 
+from pa10cal.discovery.against_drift import reasons_against_drift
 from pa10cal.discovery.against_none import reasons_against_none
 from pa10cal.discovery.balancers import with_balancers
 from pa10cal.discovery.credible_amounts import holds_zero
 from pa10cal.discovery.finding import Finding, Rival, is_named, name_of
-from pa10cal.discovery.in_time import grows_instead
 from pa10cal.discovery.no_harm import harmed, harmless, worse_than
-from pa10cal.discovery.preparation import Prepared
 from pa10cal.discovery.probabilities import with_levels_held_out, with_unknown_cause
 from pa10cal.discovery.refitted_verdict import (
     finding_of,
@@ -31,18 +30,13 @@ from pa10cal.discovery.refitted_verdict import (
     without_names,
 )
 from pa10cal.discovery.rules import NAMES, PROBABILITIES
-from pa10cal.discovery.target_wander import wander_instead_of
 from pa10cal.discovery.verdict import Scorer, Verdict
-from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.observe.observations import Observations
-from pa10cal.observe.time_order import covariates, measured_again, slow_joints
 from pa10cal.results.discovery import Unexplained
 from pa10cal.terms.effects.arrivals import AlongMove, ArrivalError
 from pa10cal.terms.effects.context import turning_joints
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint import Backlash, GearRatioError
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
-from pa10cal.terms.effects.over_time import BaseDrift, ThermalGrowth
 from pa10cal.terms.effects.readings import Scale
 from pa10cal.terms.effects.slide import SlideScale
 from pa10cal.terms.statement_faults import is_fault
@@ -178,9 +172,7 @@ def _reasons_against(found: Verdict[S], finding: Finding) -> tuple[str, ...]:
     by_fit = unfit(finding, found.model, found.states)
     return (
         *by_fit,
-        *confounded_with_order(finding, found.prepared),
-        *drift_of_single_targets(finding.effect, found.model, found.prepared.trusted),
-        *drift_of_a_growing_arm(finding.effect, found),
+        *reasons_against_drift(found, finding),
     )
 
 
@@ -279,49 +271,6 @@ def _without_names_that_move_nothing(found: Verdict[S]) -> Verdict[S]:
     safe = harmless(with_findings(found, rest))
     unknown = (no_name(name, safe.train.after.mean_mm, why) for name in names)
     return replace(safe, unexplained=(*safe.unexplained, *unknown))
-
-
-def confounded_with_order(finding: Finding, campaign: Prepared) -> Iterator[str]:
-    """Yield why a drift cannot be named: the poses came in the order of a joint or a rail."""
-    states, slides = campaign.readings.states, campaign.baseline.arm.prismatic
-    if finding.id != BaseDrift.id or measured_again(campaign.readings):
-        return
-    slow = slow_joints(states)
-    along = [str(by) for by in covariates(states, slides) if by.joint and slow[by.joint - 1]]
-    if along:
-        joints = " and ".join(along)
-        yield f"the order of the poses follows {joints}, whose error may look the same"
-
-
-def drift_of_single_targets(
-    effect: Effect, model: FittedModel, readings: Observations
-) -> Iterator[str]:
-    """Yield why a drift cannot be named: targets wander as much, each by itself.
-
-    Args:
-        model: the model with the effect.
-        readings: single readings.
-    """
-    if effect.id != BaseDrift.id or effect not in model.model.terms:
-        return
-    residual = model.compared(readings).residual
-    if (found := wander_instead_of(effect, model, readings, residual)) is not None:
-        yield (
-            f"readings of single targets wander in time by {found.rms_mm:.2g} mm, each by itself, "
-            "as much as it moves all of them together"
-        )
-
-
-def drift_of_a_growing_arm(effect: Effect, found: Verdict[S]) -> Iterator[str]:
-    """Yield why a drift cannot be named: an arm that grows fits as well, no temperature known."""
-    if effect.id != BaseDrift.id or effect not in found.model.model.terms:
-        return
-    growths = ThermalGrowth.everywhere(found.context)
-    if any(grows_instead(effect, each, found.model, found.prepared.trusted) for each in growths):
-        yield (
-            "an arm that grows as it warms up explains as much or more, and no temperature was "
-            "logged; log it"
-        )
 
 
 def with_cable_torques(found: Verdict[S]) -> Verdict[S]:

@@ -24,9 +24,9 @@ from pa10cal.discovery.changed import (
     kinds_of_change,
     nats_needed,
 )
-from pa10cal.discovery.in_time import by_pose_and_time
 from pa10cal.discovery.log_faults import DiagnosedFault
 from pa10cal.discovery.nuisances import MovedZeros, Nuisance, between_rows
+from pa10cal.discovery.pose_columns import by_pose_and_time
 from pa10cal.discovery.rules import CHANGE, MOTION
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations

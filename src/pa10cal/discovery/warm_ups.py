@@ -14,9 +14,9 @@ import numpy as np
 
 from pa10cal.arrays import Array
 from pa10cal.discovery import jacobians
-from pa10cal.discovery.in_time import by_pose_and_time
 from pa10cal.discovery.jacobians import WhitenedPoses
 from pa10cal.discovery.model_columns import ModelColumns
+from pa10cal.discovery.pose_columns import by_pose_and_time
 from pa10cal.discovery.preparation import sought
 from pa10cal.discovery.rules import CHANGE, MOTION, PROBABILITIES, WARMING
 from pa10cal.observe.time_order import may_show_changes, spread_over_time

@@ -9,6 +9,7 @@ from made_up_model import fitted, postures
 from made_up_poses import context_of
 from made_up_survey import POSITION_M, observe
 from pa10cal.arm.statics import PoseStates
+from pa10cal.discovery.against_drift import grows_instead
 from pa10cal.discovery.blocked_cv import outcome
 from pa10cal.discovery.blocked_cv.by_blocks import discover_by_blocks
 from pa10cal.discovery.blocked_cv.interleaved_check import (
@@ -16,7 +17,6 @@ from pa10cal.discovery.blocked_cv.interleaved_check import (
     slow_drift,
     steady_courses,
 )
-from pa10cal.discovery.in_time import grows_instead
 from pa10cal.discovery.jacobians import by_base, by_terms
 from pa10cal.discovery.preparation import Prepared, why_unknown
 from pa10cal.discovery.target_wander import TargetWander, in_words, target_wander, wander_instead_of
