@@ -161,7 +161,7 @@ def calibrate(
     from pa10cal.calibration.campaign import calibrated_record
     from pa10cal.calibration.input_checks import check_input, explained
     from pa10cal.calibration.load_case import LoadCase
-    from pa10cal.discovery.given import effects_listed, record_with_effects
+    from pa10cal.discovery.given_record import effects_listed, record_with_effects
     from pa10cal.errors import CalibrationError, DiscoveryError
     from pa10cal.fit.model_reading import models_of
 

@@ -18,7 +18,7 @@ from pa10cal.calibration.campaign import calibrated_record
 from pa10cal.calibration.general import case
 from pa10cal.calibration.load_case import LoadCase
 from pa10cal.calibration.options import CalibrationOptions, EffectOfPlace
-from pa10cal.discovery.given import record_with_effects
+from pa10cal.discovery.given_record import record_with_effects
 from pa10cal.discovery.preparation import setup_of
 from pa10cal.evaluation.holdout import Evaluation
 from pa10cal.files.arms import load_arm

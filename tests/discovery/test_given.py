@@ -11,7 +11,7 @@ from pa10cal.calibration.campaign import calibrated_record
 from pa10cal.calibration.load_case import LoadCase
 from pa10cal.calibration.options import CalibrationOptions, EffectOfPlace
 from pa10cal.commands.models import open_target
-from pa10cal.discovery.given import record_with_effects
+from pa10cal.discovery.given_record import record_with_effects
 from pa10cal.errors import CalibrationError
 from pa10cal.options import DiscoveryOptions
 from pa10cal.results.calibration import InputFinding

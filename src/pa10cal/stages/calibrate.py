@@ -143,7 +143,7 @@ def _record(
     The effects are those of the verdict, or without one (None) those that the settings list.
     """
     from pa10cal.calibration.campaign import calibration_record
-    from pa10cal.discovery.given import effects_listed, record_with_effects
+    from pa10cal.discovery.given_record import effects_listed, record_with_effects
 
     record = calibration_record(case, seed, general=by_general)
     effects = effects_listed(case.options) if of_verdict is None else of_verdict
