@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pa10cal.calibration import grade_evidence
+from pa10cal.calibration import departures
 from pa10cal.calibration.accuracy import HeldOut
+from pa10cal.calibration.departures import impossible_departures
 from pa10cal.calibration.fit_summary import FitSummary, poses_needed
-from pa10cal.calibration.grade_evidence import GradeEvidence, large_departures
+from pa10cal.calibration.grade_evidence import GradeEvidence
 from pa10cal.calibration.health import RIGID
 from pa10cal.calibration.health import health as health_of
 from pa10cal.files.arms import load_arm
@@ -369,7 +370,7 @@ def test_the_zero_of_a_joint_is_along_its_axis_where_it_slides(slides, coordinat
     parameters = (replace(made.parameters[0], name=name, unit=unit), *made.parameters[1:])
     made = replace(made, parameters=parameters, departures={name: coordinate})
     arm = replace(arm, prismatic=slides & (np.arange(arm.n) == 3))
-    (found,) = large_departures(made, arm, 1.0)
+    (found,) = impossible_departures(made, arm, 1.0)
     assert (found.where, found.joint) == (name, joint)
     assert found.what.startswith(says)
 
@@ -466,9 +467,9 @@ def test_whole_turns_of_a_motor_are_told(ratio, turns, says):
 
 def test_a_twist_beside_a_slide_is_no_turn_of_its_motor():
     arm = replace(load_arm("irb120"), gear_ratio=np.full(6, 101.0))
-    assert grade_evidence._looks_like(arm, "theta_4", 2.0 * np.pi / 101.0, 1.0)
+    assert departures._looks_like(arm, "theta_4", 2.0 * np.pi / 101.0, 1.0)
     slides = replace(arm, prismatic=np.arange(6) == 3)
-    assert not grade_evidence._looks_like(slides, "theta_4", 2.0 * np.pi / 101.0, 1.0)
+    assert not departures._looks_like(slides, "theta_4", 2.0 * np.pi / 101.0, 1.0)
 
 
 def test_a_length_of_the_wrong_sign_is_told():

@@ -9,12 +9,12 @@ import numpy as np
 
 from pa10cal.arm.description import Arm
 from pa10cal.calibration.accuracy import HeldOut
+from pa10cal.calibration.departures import common_lengthening, impossible_departures
 from pa10cal.calibration.fit_summary import FitSummary, poses_needed
 from pa10cal.calibration.noisy_campaign import NoisyCampaign
 from pa10cal.calibration.rules import GRADES
 from pa10cal.results import calibration as records
 from pa10cal.results.calibration import InputFinding
-from pa10cal.terms.term import TermParameter
 
 #: Least remaining error [mm]: exact data leave none, and ratios to it are formed (computing).
 _LEAST_ERROR_MM = 1e-6
@@ -77,28 +77,97 @@ class GradeEvidence:
     # tilts of parallel axes that the readings do not show and the fit left at zero, by name
     not_shown: tuple[str, ...] = ()
 
-    @cached_property
-    def poses(self) -> records.PosesNeeded:
-        """Return how many poses there are, and how many the required uncertainty needs.
+    # The remaining error, and the noise.
 
-        If none is required, it is one that hardly adds to the error.
+    @property
+    def error_mm(self) -> float:
+        """Return the remaining error, corrected for the degrees of freedom that the fit took."""
+        fitted_share = min(self.ended.taken / max(self.rows, 1), GRADES.most_taken_share)
+        return max(self.train_rms_mm / float(np.sqrt(1.0 - fitted_share)), _LEAST_ERROR_MM)
+
+    @property
+    def single_mm(self) -> float:
+        """Return the error of a single reading: the remaining one, or a much larger stated one."""
+        return (self.noise_with_apparatus_mm or 0.0) if self.below_noise else self.error_mm
+
+    @property
+    def noise_with_apparatus_mm(self) -> float | None:
+        """Return the error that readings and apparatus make; None where it is not known."""
+        noise_mm = self.reading_noise_mm
+        return None if noise_mm is None else float(np.hypot(noise_mm, self.apparatus_mm))
+
+    @property
+    def reading_noise_mm(self) -> float | None:
+        """Return the noise of the poses fitted: as repeats show it, else as stated."""
+        if self.noise_mm is None or self.noise_is_found or not self.repeats:
+            return self.noise_mm
+        ratios = [scatter.ratio for scatter in self.repeats if not scatter.is_of_attitude]
+        return self.noise_mm * ratios[0] if ratios else self.noise_mm
+
+    @property
+    def noise_by_repeats(self) -> bool:
+        """Return whether repeats show the noise, and not what is stated."""
+        return self.noise_is_found or self.reading_noise_mm != self.noise_mm
+
+    @property
+    def over_noise(self) -> float | None:
+        """Return the remaining error over the noise; None where that is not known, or zero."""
+        noise_mm = self.noise_with_apparatus_mm
+        return self.error_mm / noise_mm if noise_mm else None
+
+    @property
+    def most_over_noise(self) -> float:
+        """Return the largest remaining error over the noise that chance explains."""
+        own_mm, reading_mm = self.noise_with_apparatus_mm, self.reading_noise_mm
+        dof = max(self.rows - self.ended.taken, 1.0)
+        by_chance = GRADES.chance_errors / float(np.sqrt(2.0 * dof))
+        limit = 1.0 + float(np.hypot(GRADES.over_noise - 1.0, by_chance))
+        if not own_mm or reading_mm is None:
+            return limit
+        of_targets_mm = GRADES.apparatus_ratio * self.apparatus_mm
+        return limit * float(np.hypot(reading_mm, of_targets_mm)) / own_mm
+
+    @property
+    def within_noise(self) -> bool:
+        """Return whether the remaining error is not far above the noise."""
+        over = self.over_noise
+        return over is not None and over < GRADES.stated_ratio
+
+    @property
+    def below_noise(self) -> bool:
+        """Return whether the remaining error is much smaller than the stated noise."""
+        over = self.over_noise
+        return over is not None and over < 1.0 / GRADES.stated_ratio
+
+    @property
+    def fits_to_noise(self) -> bool:
+        """Return whether poses that leave nothing but noise stand in for held-out ones.
+
+        None are held out then, or too few, and the readings are twice as many as the unknowns.
         """
-        wanted_mm = self.wanted_mm
-        single_mm = self.single_mm if self.below_noise else self.train_rms_mm
-        small_mm = GRADES.small_share * single_mm if wanted_mm is None else wanted_mm
-        return poses_needed(self.ended, small_mm, wanted_mm)
+        held_out, over = self.held_out, self.over_noise
+        if held_out is not None and held_out.accuracy.configurations >= GRADES.few_held_out:
+            return False
+        if not self.ended.solution.converged or over is None or self.below_noise:
+            return False
+        enough = self.rows >= GRADES.rows_an_unknown * self.ended.taken
+        return enough and not self.misfits_arm and over <= self.most_over_noise
 
     @property
-    def u_model_mm(self) -> float:
-        """Return the standard uncertainty of a predicted position; inf where not determined."""
-        return float("inf") if self.poses.u_model_mm is None else self.poses.u_model_mm
+    def misfits_arm(self) -> bool:
+        """Return whether the error is larger than calibrated arms have, and than the noise."""
+        return self.train_rms_mm > GRADES.no_fit_share * self.spread_mm and not self.within_noise
 
-    @property
-    def u_promised_mm(self) -> float:
-        """Return the rms standard uncertainty that predictions state in the poses fitted."""
-        return float(
-            np.linalg.norm([self.ended.u_positions_mm, self.discrepancy_mm, self.joints_mm])
-        )
+    def accepted_scatter(self, scatter: records.RepeatScatter) -> tuple[float, float]:
+        """Return the least and the most that repeats may scatter by, as stated [m or rad]."""
+        attitude = scatter.is_of_attitude
+        ratio = GRADES.attitude_ratio if attitude else GRADES.stated_ratio
+        # Readings of the joints scatter, too.
+        joints = GRADES.joint_rad * (1.0 if attitude else 1e-3 * self.spread_mm)
+        least = scatter.stated / most_stated(ratio, from_touches=self.from_touches)
+        return least, ratio * float(np.hypot(scatter.stated, joints))
+
+    # What the poses determine.
 
     @property
     def rank(self) -> int:
@@ -129,160 +198,41 @@ class GradeEvidence:
         rigid = {*self.ended.having("windup")} - {*self.ended.at_upper_bound}
         return tuple(name for name in self.ended.at_bound if name not in rigid)
 
-    def accepted_scatter(self, scatter: records.RepeatScatter) -> tuple[float, float]:
-        """Return the least and the most that repeats may scatter by, as stated [m or rad]."""
-        attitude = scatter.is_of_attitude
-        ratio = GRADES.attitude_ratio if attitude else GRADES.stated_ratio
-        # Readings of the joints scatter, too.
-        joints = GRADES.joint_rad * (1.0 if attitude else 1e-3 * self.spread_mm)
-        least = scatter.stated / most_stated(ratio, from_touches=self.from_touches)
-        return least, ratio * float(np.hypot(scatter.stated, joints))
-
-    @property
-    def required_mm(self) -> float:
-        """Return the uncertainty of predictions that is required: else that of one reading."""
-        return self.wanted_mm or self.single_mm
-
     @property
     def springs_explain_most(self) -> bool:
         """Return whether springs explain a large part of the squared error with rigid joints."""
         rigid_mm = self.without_springs_mm
         return rigid_mm is not None and self.train_rms_mm**2 < GRADES.mostly_share * rigid_mm**2
 
-    @property
-    def within_noise(self) -> bool:
-        """Return whether the remaining error is not far above the noise."""
-        over = self.over_noise
-        return over is not None and over < GRADES.stated_ratio
-
-    @property
-    def misfits_arm(self) -> bool:
-        """Return whether the error is larger than calibrated arms have, and than the noise."""
-        return self.train_rms_mm > GRADES.no_fit_share * self.spread_mm and not self.within_noise
-
-    @property
-    def confirmed(self) -> bool:
-        """Return whether held-out poses are predicted as well as the fitted ones are explained.
-
-        A fit that did not converge has nothing to confirm.
-        """
-        held_out = self.held_out
-        if not self.ended.solution.converged or held_out is None:
-            return False
-        if held_out.accuracy.configurations < GRADES.few_held_out:
-            return False
-        # With a large error, another cause may look like a departure.
-        if self.misfits_arm or not (self.over_noise is None or self.within_noise):
-            return False
-        known_mm = max(self.error_mm, self.noise_with_apparatus_mm or 0.0)
-        return held_out.accuracy.rms_mm < GRADES.confirmed_ratio * known_mm
-
-    @property
-    def error_mm(self) -> float:
-        """Return the remaining error, corrected for the degrees of freedom that the fit took."""
-        fitted_share = min(self.ended.taken / max(self.rows, 1), GRADES.most_taken_share)
-        return max(self.train_rms_mm / float(np.sqrt(1.0 - fitted_share)), _LEAST_ERROR_MM)
-
-    @property
-    def noise_with_apparatus_mm(self) -> float | None:
-        """Return the error that readings and apparatus make; None where it is not known."""
-        noise_mm = self.reading_noise_mm
-        return None if noise_mm is None else float(np.hypot(noise_mm, self.apparatus_mm))
-
-    @property
-    def noise_by_repeats(self) -> bool:
-        """Return whether repeats show the noise, and not what is stated."""
-        return self.noise_is_found or self.reading_noise_mm != self.noise_mm
-
-    @property
-    def reading_noise_mm(self) -> float | None:
-        """Return the noise of the poses fitted: as repeats show it, else as stated."""
-        if self.noise_mm is None or self.noise_is_found or not self.repeats:
-            return self.noise_mm
-        ratios = [scatter.ratio for scatter in self.repeats if not scatter.is_of_attitude]
-        return self.noise_mm * ratios[0] if ratios else self.noise_mm
-
     @cached_property
-    def departures(self) -> tuple[records.InputFinding, ...]:
-        """Return the departures that no arm was built with, where poses confirm them.
+    def poses(self) -> records.PosesNeeded:
+        """Return how many poses there are, and how many the required uncertainty needs.
 
-        Held-out poses confirm all of them; where none are held out, poses that fit to the noise
-        confirm zeros of joints. Zeros that the checks of the input found come first, in place of
-        the fit's own departure of that joint's zero: these say what to set.
+        If none is required, it is one that hardly adds to the error.
         """
-        if not (self.confirmed or self.fits_to_noise):
-            return ()
-        zeros = self.zeros_off
-        others = (
-            each
-            for each in self.large_departures
-            if (self.confirmed or each.joint is not None)
-            and not any(_is_of_zero(each, zero) for zero in zeros)
+        wanted_mm = self.wanted_mm
+        single_mm = self.single_mm if self.below_noise else self.train_rms_mm
+        small_mm = GRADES.small_share * single_mm if wanted_mm is None else wanted_mm
+        return poses_needed(self.ended, small_mm, wanted_mm)
+
+    # Predictions, and held-out poses.
+
+    @property
+    def u_model_mm(self) -> float:
+        """Return the standard uncertainty of a predicted position; inf where not determined."""
+        return float("inf") if self.poses.u_model_mm is None else self.poses.u_model_mm
+
+    @property
+    def u_promised_mm(self) -> float:
+        """Return the rms standard uncertainty that predictions state in the poses fitted."""
+        return float(
+            np.linalg.norm([self.ended.u_positions_mm, self.discrepancy_mm, self.joints_mm])
         )
-        return (*zeros, *others)
 
     @property
-    def fits_to_noise(self) -> bool:
-        """Return whether poses that leave nothing but noise stand in for held-out ones.
-
-        None are held out then, or too few, and the readings are twice as many as the unknowns.
-        """
-        held_out, over = self.held_out, self.over_noise
-        if held_out is not None and held_out.accuracy.configurations >= GRADES.few_held_out:
-            return False
-        if not self.ended.solution.converged or over is None or self.below_noise:
-            return False
-        enough = self.rows >= GRADES.rows_an_unknown * self.ended.taken
-        return enough and not self.misfits_arm and over <= self.most_over_noise
-
-    @property
-    def zeros_off(self) -> tuple[records.InputFinding, ...]:
-        """Return zeros of joints that are off by checks of the input, or between campaigns."""
-        return tuple(finding for finding in self.findings if finding.kind == "joint_zero")
-
-    @property
-    def large_departures(self) -> tuple[records.InputFinding, ...]:
-        """Return the departures that no arm was built with, confirmed or not."""
-        return large_departures(self.ended, self.arm, max(self.over_noise or 1.0, 1.0))
-
-    @property
-    def longer_by(self) -> float | None:
-        """Return the share by which all long links are longer than described; None if they differ.
-
-        Arms are not built so: the scale of the instrument goes with their lengths, which no
-        readings of one campaign can tell. None as well where fewer than two long links are known
-        well enough, or they are hardly longer.
-        """
-        return None if self.arm is None else longer_by(self.ended, self.arm)
-
-    @property
-    def below_noise(self) -> bool:
-        """Return whether the remaining error is much smaller than the stated noise."""
-        over = self.over_noise
-        return over is not None and over < 1.0 / GRADES.stated_ratio
-
-    @property
-    def single_mm(self) -> float:
-        """Return the error of a single reading: the remaining one, or a much larger stated one."""
-        return (self.noise_with_apparatus_mm or 0.0) if self.below_noise else self.error_mm
-
-    @property
-    def over_noise(self) -> float | None:
-        """Return the remaining error over the noise; None where that is not known, or zero."""
-        noise_mm = self.noise_with_apparatus_mm
-        return self.error_mm / noise_mm if noise_mm else None
-
-    @property
-    def most_over_noise(self) -> float:
-        """Return the largest remaining error over the noise that chance explains."""
-        own_mm, reading_mm = self.noise_with_apparatus_mm, self.reading_noise_mm
-        dof = max(self.rows - self.ended.taken, 1.0)
-        by_chance = GRADES.chance_errors / float(np.sqrt(2.0 * dof))
-        limit = 1.0 + float(np.hypot(GRADES.over_noise - 1.0, by_chance))
-        if not own_mm or reading_mm is None:
-            return limit
-        of_targets_mm = GRADES.apparatus_ratio * self.apparatus_mm
-        return limit * float(np.hypot(reading_mm, of_targets_mm)) / own_mm
+    def required_mm(self) -> float:
+        """Return the uncertainty of predictions that is required: else that of one reading."""
+        return self.wanted_mm or self.single_mm
 
     @property
     def without_log_mm(self) -> float:
@@ -323,130 +273,70 @@ class GradeEvidence:
         ratio = self.over_promised
         return ratio if ratio is not None and ratio > self.most_over_promised else None
 
+    @property
+    def confirmed(self) -> bool:
+        """Return whether held-out poses are predicted as well as the fitted ones are explained.
+
+        A fit that did not converge has nothing to confirm.
+        """
+        held_out = self.held_out
+        if not self.ended.solution.converged or held_out is None:
+            return False
+        if held_out.accuracy.configurations < GRADES.few_held_out:
+            return False
+        # With a large error, another cause may look like a departure.
+        if self.misfits_arm or not (self.over_noise is None or self.within_noise):
+            return False
+        known_mm = max(self.error_mm, self.noise_with_apparatus_mm or 0.0)
+        return held_out.accuracy.rms_mm < GRADES.confirmed_ratio * known_mm
+
+    # Departures from the arm as described.
+
+    @property
+    def zeros_off(self) -> tuple[records.InputFinding, ...]:
+        """Return zeros of joints that are off by checks of the input, or between campaigns."""
+        return tuple(finding for finding in self.findings if finding.kind == "joint_zero")
+
+    @property
+    def large_departures(self) -> tuple[records.InputFinding, ...]:
+        """Return the departures that no arm was built with, confirmed or not."""
+        return impossible_departures(self.ended, self.arm, max(self.over_noise or 1.0, 1.0))
+
+    @cached_property
+    def departures(self) -> tuple[records.InputFinding, ...]:
+        """Return the departures that no arm was built with, where poses confirm them.
+
+        Held-out poses confirm all of them; where none are held out, poses that fit to the noise
+        confirm zeros of joints. Zeros that the checks of the input found come first, in place of
+        the fit's own departure of that joint's zero: these say what to set.
+        """
+        if not (self.confirmed or self.fits_to_noise):
+            return ()
+        zeros = self.zeros_off
+        others = (
+            each
+            for each in self.large_departures
+            if (self.confirmed or each.joint is not None)
+            and not any(_is_of_zero(each, zero) for zero in zeros)
+        )
+        return (*zeros, *others)
+
+    @property
+    def longer_by(self) -> float | None:
+        """Return the share by which all long links are longer than described; None if they differ.
+
+        Arms are not built so: the scale of the instrument goes with their lengths, which no
+        readings of one campaign can tell. None as well where fewer than two long links are known
+        well enough, or they are hardly longer.
+        """
+        return None if self.arm is None else common_lengthening(self.ended, self.arm)
+
 
 def most_stated(factor: float = GRADES.stated_ratio, *, from_touches: bool) -> float:
     """Return the largest stated uncertainty over the scatter of repeats that is accepted."""
     return max(factor, GRADES.touches_ratio) if from_touches else factor
 
 
-# Departures from nominal that no arm was built with, and what they look like, as findings.
-
-
-def large_departures(
-    ended: FitSummary, arm: Arm | None, over_noise: float
-) -> tuple[InputFinding, ...]:
-    """Return departures from nominal that no arm was built with, the largest first.
-
-    Args:
-        arm: as described; None where that is not known.
-        over_noise: remaining error over the noise, by which standard uncertainties are multiplied.
-    """
-    std = over_noise * np.sqrt(np.maximum(np.diag(ended.covariance), 0.0))
-    excluded = ended.not_identifiable | ended.of_mounting
-    found = []
-    for parameter, value, u in zip(ended.parameters, ended.solution.x.tolist(), std, strict=True):
-        if not parameter.tolerance or parameter.name in excluded:
-            continue
-        tolerances = abs(value) / parameter.tolerance
-        surely = abs(value) - GRADES.chance_errors * u
-        if surely > GRADES.far_off_ratio * parameter.tolerance:
-            coordinate = ended.departures.get(parameter.name, "")
-            as_built = GRADES.chance_errors * float(np.hypot(u, parameter.tolerance))
-            joint = _joint_of_zero(arm, coordinate)
-            text = _departure_text(parameter, joint, value, tolerances)
-            text += _looks_like(arm, coordinate, value, as_built)
-            found.append((tolerances, _departure(parameter, text, joint)))
-    return tuple(finding for _, finding in sorted(found, key=lambda pair: -pair[0]))
-
-
-def longer_by(ended: FitSummary, arm: Arm) -> float | None:
-    """Return the share by which all long links are longer than described; None if they differ.
-
-    Links of which the length is known to `GRADES.length_known` of it count, two at least. They are
-    alike within `GRADES.alike_share` of their mean: chance rarely makes two links so alike, and of
-    lengths no better known than that it hides a common share more often than not.
-    """
-    coordinates = [ended.departures.get(each.name, "") for each in ended.parameters]
-    lengths_m = dict(enumerate(arm.a_m.tolist(), 1)), dict(enumerate(arm.d_m.tolist(), 1))
-    of_kind = dict(zip("ad", lengths_m, strict=True))
-    std_m = np.sqrt(np.maximum(np.diag(ended.covariance), 0.0))
-    found = []
-    for k, coordinate in enumerate(coordinates):
-        kind, _, number = coordinate.rpartition("_")
-        if kind in of_kind and ended.parameters[k].name not in ended.of_mounting:
-            length_m = abs(of_kind[kind][int(number)])
-            if std_m[k] < GRADES.length_known * length_m:
-                share = ended.solution.x[k] / of_kind[kind][int(number)]
-                found.append((length_m, float(share)))
-    longest_m = max((length_m for length_m, _ in found), default=0.0)
-    shares = [share for length_m, share in found if length_m > GRADES.long_share * longest_m]
-    if len(shares) < 2:
-        return None
-    mean = float(np.mean(shares))
-    alike = np.abs(np.array(shares) - mean) < GRADES.alike_share * abs(mean)
-    return mean if abs(mean) > GRADES.longer_share and alike.all() else None
-
-
 def _is_of_zero(departure: InputFinding, zero: InputFinding) -> bool:
     """Return whether a departure is that of a joint's zero which a check found off."""
     return departure.joint is not None and departure.joint == zero.joint
-
-
-def _departure(parameter: TermParameter, text: str, joint: int | None) -> InputFinding:
-    return InputFinding(
-        what=text,
-        where=parameter.name,
-        remedy="check this value in the description of the arm, and the zero of its joint in "
-        "the log",
-        kind="departure",
-        joint=joint,
-    )
-
-
-def _joint_of_zero(arm: Arm | None, coordinate: str) -> int | None:
-    """Return the joint, from 1, whose zero a chain coordinate is: theta, or d where it slides."""
-    kind, _, number = coordinate.rpartition("_")
-    if kind not in ("theta", "d"):
-        return None
-    slides = arm is not None and bool(arm.prismatic[int(number) - 1])
-    return int(number) if (kind == "d") == slides else None
-
-
-def _departure_text(
-    parameter: TermParameter, joint: int | None, value: float, tolerances: float
-) -> str:
-    """Return a departure in words, angles in degrees and lengths in millimetres.
-
-    Args:
-        joint: the joint whose zero it is; None for other departures.
-    """
-    scale, unit = (np.degrees(1.0), "deg") if parameter.unit == "rad" else (1e3, "mm")
-    if joint is None:
-        return f"{scale * value:.3g} {unit} from nominal ({tolerances:.0f} tolerances)"
-    off = f"{scale * abs(value):.3g} {unit}"
-    return f"joint {joint} was mastered {off} off ({tolerances:.0f} tolerances)"
-
-
-def _looks_like(arm: Arm | None, coordinate: str, value: float, as_built: float) -> str:
-    """Return what a departure looks like: whole turns of a motor, or the wrong sign of a length.
-
-    Args:
-        as_built: departure that the build of the arm and its uncertainty make [rad, m].
-    """
-    kind, _, number = coordinate.rpartition("_")
-    if arm is None or kind not in ("theta", "a", "d"):
-        return ""
-    row = int(number) - 1
-    if kind != "theta":
-        length = float((arm.a_m if kind == "a" else arm.d_m)[row])
-        reversed_ = abs(value + 2.0 * length) < GRADES.of_a_length * abs(length)
-        return f": as if the sign of its {1e3 * length:.4g} mm were wrong" if reversed_ else ""
-    ratio = abs(float(arm.gear_ratio[row]))
-    per_rad = ratio / (2.0 * np.pi)
-    turns = abs(value) * per_rad
-    whole = round(turns) if np.isfinite(turns) else 0
-    # Any departure is near some number of turns: it has to be as near as the build allows.
-    near = min(GRADES.of_a_turn, as_built * per_rad)
-    if ratio <= 1.0 or arm.prismatic[row] or not whole or abs(turns - whole) > near:
-        return ""
-    return f": {whole} turn{'s' * (whole > 1)} of a motor of ratio {ratio:g}"
