@@ -234,10 +234,12 @@ class Verdict(Generic[S]):
 
     The attributes are a part of the Python interface, hence flat; they stand in groups: how the
     campaign was judged, errors with a name and without, what these data cannot show, the gap, and
-    what the model says of itself. The search (`by_blocks`, `by_repeats`) sets all but those that
-    name another module, which sets them later; in which order, `discover.discover` says. Of the
-    others `findings`, `unexplained` and the gap follow every fit (`refitted_verdict`).
+    what the model says of itself.
     """
+
+    # The search (`by_blocks`, `by_repeats`) sets them, but for those that the titles of the groups
+    # give another module: it sets these later, in the order of `discover.discover`. With every fit
+    # `findings`, `unexplained` and the gap follow (`refitted_verdict`).
 
     prepared: Prepared  # the campaign
     scorer: S  # what judged it, with the extended model
@@ -246,29 +248,27 @@ class Verdict(Generic[S]):
     why: str | None = None  # why effects cannot be sought; None where they were sought
     remedy: str | None = None  # what to do about that
 
-    # Errors with a name.
+    # Errors with a name: `gives_way` by `compliance`, `in_log` by `torque_faults`.
 
     # effects of the vocabulary and faults of the whole log that are in the extended model, in the
     # order found
     findings: tuple[Finding, ...] = ()
     # joints that give way under weights that are not stated; their springs are in the calibrated
-    # model already (`compliance`)
+    # model already
     gives_way: tuple[Finding[ComplianceProof], ...] = ()
-    # errors of logged torques, which were taken out of them (`torque_faults`)
-    in_log: tuple[Finding, ...] = ()
+    in_log: tuple[Finding, ...] = ()  # errors of logged torques, which were taken out of them
     faults_of_rows: tuple[DiagnosedFault, ...] = ()  # faults of single rows, found after the search
 
     # Errors without a name: as they are reported, as the search found them, as the model has them.
+    # `proposed` by `proposals`, `predicted` by `discover`.
 
     # parts of the error that have no name: where, and why there is none
     unexplained: tuple[Unexplained, ...] = ()
     # smooth functions that the search chose for such parts; they are not in the model
     nameless: tuple[Effect, ...] = ()
     over_noise: bool = False  # whether the search left more than noise
-    # formulas for such parts, not in the model (`proposals`)
-    proposed: tuple[FormulaProposal, ...] = ()
+    proposed: tuple[FormulaProposal, ...] = ()  # formulas for such parts, not in the model
     # terms of the model that predict such parts; None where held-out poses do not gain by them
-    # (`discover`)
     predicted: Predicted | None = None
 
     # What these data cannot show.
@@ -289,18 +289,16 @@ class Verdict(Generic[S]):
     # that readings of single targets wander in time, in words; None where they do not
     readings_wander: str | None = None
 
-    # What the model says of itself.
+    # What the model says of itself: `falls_back` by `no_harm`, `otherwise` and `doubt` by
+    # `other_explanations`, `campaigns_agree` by `discover`.
 
     # joint positions within which the extended model holds; None where it holds everywhere
-    # (`no_harm`)
     falls_back: FallBack | None = None
-    # the model under another explanation of the readings (`gates`)
-    otherwise: Otherwise | None = None
+    otherwise: Otherwise | None = None  # the model under another explanation of the readings
     # whether the calibrated model has campaigns of a group contradict each other, and the extended
-    # one does not (`discover`)
+    # one does not
     campaigns_agree: bool = False
     # probability that an effect named is none of those known, and what the model lacks without it
-    # (`gates`)
     doubt: tuple[float, Discrepancy] | None = None
 
     # What was judged, and how.
