@@ -8,7 +8,7 @@ import pytest
 from made_up_arm import ARM, TARGETS_M, Missing, harmonic, measure, scored
 from pa10cal.arm.chain import Chain
 from pa10cal.arrays import rms
-from pa10cal.discovery.evidence.by_repeats import channel_tests, evidence_lack_of_fit
+from pa10cal.discovery.evidence.channel_tests import channel_tests, evidence_lack_of_fit
 from pa10cal.discovery.evidence.fit import fit
 from pa10cal.discovery.evidence.noise_model import NO_SHARED_ERROR
 from pa10cal.discovery.evidence.problem import prepare

@@ -8,7 +8,7 @@ import pytest
 
 from made_up_arm import measure
 from pa10cal.discovery.discover import discover
-from pa10cal.discovery.evidence.by_repeats import evidence_lack_of_fit
+from pa10cal.discovery.evidence.channel_tests import evidence_lack_of_fit
 from pa10cal.discovery.gap import errors_of
 from pa10cal.discovery.log_faults import fault_of_pose
 from pa10cal.discovery.not_sought import orientations_off, too_few_poses

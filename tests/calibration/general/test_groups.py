@@ -13,7 +13,8 @@ from pa10cal.arm.chain import Chain
 from pa10cal.arm.statics import Payload, statics
 from pa10cal.calibration.general.as_model import fitted
 from pa10cal.calibration.general.calibrate import find_start, start_of
-from pa10cal.calibration.general.per_campaign import contradictions, per_campaign_fits
+from pa10cal.calibration.general.contradictions import contradictions
+from pa10cal.calibration.general.per_campaign import per_campaign_fits
 from pa10cal.calibration.general.unknowns import choose_unknowns
 from pa10cal.calibration.noisy_campaign import noisy_campaign
 from pa10cal.discovery.log_faults import faults_of_input

@@ -10,7 +10,8 @@ from pa10cal.arm.chain import Chain
 from pa10cal.arm.statics import Payload, statics
 from pa10cal.calibration.general.as_model import fitted
 from pa10cal.calibration.general.calibrate import find_start
-from pa10cal.calibration.general.per_campaign import contradictions, per_campaign_fits
+from pa10cal.calibration.general.contradictions import contradictions
+from pa10cal.calibration.general.per_campaign import per_campaign_fits
 from pa10cal.discovery.blocked_cv.by_campaign import contradictions_left
 from pa10cal.discovery.blocked_cv.refit import refit
 from pa10cal.discovery.blocked_cv.survey import Survey

@@ -20,9 +20,10 @@ from pa10cal.calibration.general.as_model import (
     with_discrepancy,
 )
 from pa10cal.calibration.general.calibrate import GeneralCalibration, calibrate_general
+from pa10cal.calibration.general.contradictions import contradictions
 from pa10cal.calibration.general.fit import GeneralSolution
 from pa10cal.calibration.general.other_campaign import calibrate_from
-from pa10cal.calibration.general.per_campaign import contradictions, per_campaign_fits
+from pa10cal.calibration.general.per_campaign import per_campaign_fits
 from pa10cal.calibration.general.prior import prior_of, refuse_own_readings
 from pa10cal.calibration.grade_evidence import GradeEvidence
 from pa10cal.calibration.health import RIGID, health

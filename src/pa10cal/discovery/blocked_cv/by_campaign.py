@@ -16,11 +16,8 @@ import numpy as np
 from scipy.special import ndtr, stdtrit
 
 from pa10cal.arrays import Array, Index, Mask, rms
-from pa10cal.calibration.general.per_campaign import (
-    FitOfGroup,
-    contradictions,
-    per_campaign_fits,
-)
+from pa10cal.calibration.general.contradictions import contradictions
+from pa10cal.calibration.general.per_campaign import FitOfGroup, per_campaign_fits
 from pa10cal.discovery.blocked_cv.refit import OneStep, Refit, one_step
 from pa10cal.discovery.blocked_cv.survey import Survey
 from pa10cal.discovery.model_with_effects import bounds_of_unknowns
