@@ -9,7 +9,7 @@ links.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -195,6 +195,41 @@ def chain_arm(name: str, links: int, link_m: float, limit_rad: float) -> Arm:
         torque_limit_Nm=unknown,
         mass_kg=None,
         com_m=None,
+    )
+
+
+def arm_on_first_link(
+    name: str, links: int, link_m: float, limits_rad: Array, order: Order = "zy"
+) -> Arm:
+    """Describe a chain as an arm that stands on its first link, which is its base.
+
+    Its joint positions are the angles between the links, those of the first turn first: of `zy`
+    a_1, b_1, a_2 …; base frame and end-effector are the frames of the first link and, at its end,
+    of the last.
+
+    Args:
+        limits_rad: (2, 2) least and most of the turns about z, then of those about y.
+
+    Raises:
+        CurveError: when there are fewer than two links.
+        ArmError: when it has more joints than an arm may have, or longer links.
+    """
+    refuse_no_link(links - 1, "there is no joint between links", "request more links")
+    arm = chain_arm(name, links - 1, link_m, np.pi)
+    alpha_rad, T_base = arm.alpha_rad, np.eye(4)
+    T_base[0, 3] = link_m
+    if order == "yz":
+        # Rows begin where z is the y of the link, and go back after the last joint.
+        alpha_rad = -alpha_rad
+        alpha_rad[-1] = 0.0
+        T_base[:3, :3] = [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]]
+        limits_rad = limits_rad[::-1]
+    return replace(
+        arm,
+        title=f"chain of {links} links, from the first on",
+        alpha_rad=alpha_rad,
+        T_base_row1=T_base,
+        limits_rad=np.tile(limits_rad, (links - 1, 1)),
     )
 
 

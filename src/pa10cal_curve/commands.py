@@ -15,8 +15,9 @@ def curve(*, settings: CurveOptions, out_dir: Path, points: Path | None = None) 
     """Lay a chain of links along a curve, and compute its joint angles and how it moves.
 
     Args:
-        settings: curve, link_m, links, roll, limits, gait.
-        out_dir: folder for curve.json, angles.csv, points.csv, links.csv and shape.csv.
+        settings: curve, link_m, links, roll, limits, gait, arm.
+        out_dir: folder for curve.json, angles.csv, points.csv, links.csv and shape.csv; with an
+            arm also joints.csv and arms/NAME.yaml.
         points: points of the curve (.csv): x_m,y_m,z_m or x_mm,y_mm,z_mm.
 
     Examples:

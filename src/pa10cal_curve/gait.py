@@ -11,12 +11,26 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array
 from pa10cal.errors import CurveError
 from pa10cal_curve import roll
-from pa10cal_curve.angles import JointAngles, chain_points, first_axes, joint_angles
+from pa10cal_curve.angles import (
+    JointAngles,
+    arm_on_first_link,
+    chain_points,
+    first_axes,
+    joint_angles,
+)
 from pa10cal_curve.curve import Curve, circle, helix, line, serpenoid
-from pa10cal_curve.options import CircleShape, CurveOptions, HelixShape, LineShape, Shape
+from pa10cal_curve.options import (
+    CircleShape,
+    CurveOptions,
+    HelixShape,
+    LimitOptions,
+    LineShape,
+    Shape,
+)
 from pa10cal_curve.points import CurvePoints, equal_links, farthest_m, lay_points
 from pa10cal_curve.records import CurveRecord, CurveShape
 
@@ -171,7 +185,8 @@ def laid(curve: Curve, options: CurveOptions) -> tuple[CurveRecord, dict[str, Co
     """Lay a chain of links along a curve, at time zero alone where it does not move.
 
     Returns:
-        Statuses and largest angles, and the tables `angles`, `points`, `links` and `shape`.
+        Statuses and largest angles, and the tables `angles`, `points`, `links` and `shape`; where
+        the options name an arm, `joints` as well.
 
     Raises:
         CurveError: when the links do not fit on the curve, or no roll keeps the limits.
@@ -201,7 +216,31 @@ def laid(curve: Curve, options: CurveOptions) -> tuple[CurveRecord, dict[str, Co
         shapes=shapes,
         settings=options.model_dump(mode="json"),
     )
-    return record, _tables(gait)
+    tables = _tables(gait)
+    if options.arm is not None:
+        tables["joints"] = _positions(gait)
+    return record, tables
+
+
+def arm_of(options: CurveOptions, record: CurveRecord) -> Arm:
+    """Return the arm, standing on the first link, that a chain was laid as.
+
+    Raises:
+        ArmError: when it has more joints, or longer links, than an arm may have.
+    """
+    assert options.arm is not None  # the arm is asked for
+    limits = options.limits or LimitOptions()
+    limits_rad = np.radians([limits.a_deg, limits.b_deg])
+    return arm_on_first_link(options.arm, record.links, record.link_m, limits_rad, options.order)
+
+
+def _positions(gait: Gait) -> Columns:
+    """Return the joint positions of `arm_of`, a row a shape, as `pa10cal predict` reads them."""
+    turns_deg = np.degrees(gait.turns_rad)
+    in_order = turns_deg if gait.joints[0].order == "zy" else turns_deg[:, ::-1]
+    columns = np.moveaxis(in_order, 2, 1).reshape(len(turns_deg), -1).T
+    named = {f"q{joint}_deg": column for joint, column in enumerate(columns, start=1)}
+    return {"id": np.arange(1, len(turns_deg) + 1), **named}
 
 
 def _shape(

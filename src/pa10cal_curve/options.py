@@ -98,6 +98,9 @@ class CurveOptions(Section):
     )
     limits: LimitOptions | None = Field(None, description="limits of every joint")
     gait: GaitOptions | None = Field(None, description="how the shape moves, where it does")
+    arm: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]{0,60}$")] | None = Field(
+        None, description="name under which the chain, its first link fixed, is described as an arm"
+    )
 
     @model_validator(mode="after")
     def _whole(self) -> CurveOptions:
@@ -113,6 +116,8 @@ class CurveOptions(Section):
             raise ValueError("roll: of_last, where z_of_last is stated")
         if self.curve is not None and self.through != "spline":
             raise ValueError("through for points alone, no shape by name")
+        if self.arm is not None and self.links is not None and self.links < 2:
+            raise ValueError("two links or more, where the chain is an arm")
         if gait is None:
             return self
         if gait.move_deg and (rolling or self.roll == "given"):

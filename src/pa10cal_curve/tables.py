@@ -12,12 +12,13 @@ import pandas as pd
 
 from pa10cal.arrays import Array
 from pa10cal.errors import RawDataError, RecordError, SettingsError
+from pa10cal.files.arms import arm_text
 from pa10cal.files.output import whole_files
 from pa10cal.files.table_cells import csv_text
 from pa10cal.input_files import open_file, read_csv, reason
 from pa10cal.results.codec import read, write
 from pa10cal_curve.curve import polyline, spline_through
-from pa10cal_curve.gait import laid, shape_of
+from pa10cal_curve.gait import arm_of, laid, shape_of
 from pa10cal_curve.options import CurveOptions
 from pa10cal_curve.records import CurveRecord
 
@@ -33,6 +34,7 @@ def write_curve(options: CurveOptions, points: Path | None, out_dir: Path) -> Cu
     Raises:
         SettingsError: when the curve is given twice or not at all.
         RawDataError, CurveError: when its points cannot be used, or the links not be laid.
+        ArmError: when the chain is longer than an arm may be.
     """
     if points is not None and options.curve is None:
         points_m, straight = read_curve_points(points), options.through == "straight"
@@ -48,11 +50,15 @@ def write_curve(options: CurveOptions, points: Path | None, out_dir: Path) -> Cu
             remedy="give one of them",
         )
     record, tables = laid(curve, options)
-    paths = [*(out_dir / f"{name}.csv" for name in tables), out_dir / "curve.json"]
-    with whole_files(*paths) as (*besides, record_beside):
-        for beside, columns in zip(besides, tables.values(), strict=True):
-            rows = zip(*(np.asarray(column).tolist() for column in columns.values()), strict=True)
-            beside.write_text(csv_text(columns, rows), encoding="utf-8", newline="\n")
+    texts = {}
+    for name, columns in tables.items():
+        rows = zip(*(np.asarray(column).tolist() for column in columns.values()), strict=True)
+        texts[out_dir / f"{name}.csv"] = csv_text(columns, rows)
+    if options.arm is not None:
+        texts[out_dir / "arms" / f"{options.arm}.yaml"] = arm_text(arm_of(options, record))
+    with whole_files(*texts, out_dir / "curve.json") as (*besides, record_beside):
+        for beside, text in zip(besides, texts.values(), strict=True):
+            beside.write_text(text, encoding="utf-8", newline="\n")
         write(record, record_beside)
     return record
 

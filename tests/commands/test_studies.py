@@ -8,7 +8,9 @@ import pandas as pd
 import pytest
 from PIL import Image
 
+from pa10cal.arm.chain import Chain
 from pa10cal.commands.command_line import REFUSED, run_command
+from pa10cal.files.arms import load_arm
 from pa10cal_curve.angles import chain_points
 
 HELIX = {"shape": "helix", "radius_m": 0.2, "pitch_m": 0.3, "turns": 1.5}
@@ -23,7 +25,8 @@ def run(tmp_path):
         out = tmp_path / "out"
         words = ["--settings", json.dumps(settings), "--out-dir", str(out), *words]
         assert run_command("curve", words) == 0
-        assert {path.name for path in out.iterdir()} == FILES
+        besides = {"joints.csv", "arms"} if "arm" in settings else set()
+        assert {path.name for path in out.iterdir()} == FILES | besides
         return out, json.loads((out / "curve.json").read_text("utf-8"))
 
     return run
@@ -118,9 +121,28 @@ def test_gaits(run, name):
         np.testing.assert_allclose(last, first, atol=1e-9)
 
 
+@pytest.mark.parametrize("order", ["zy", "yz"])
+def test_the_chain_as_an_arm_reaches_where_its_last_link_ends(run, order):
+    gait = {"moves": "wave", "period_s": 1.0, "seconds": 1.0, "shapes": 4}
+    out, _ = run(curve=HELIX, link_m=0.1, links=6, order=order, gait=gait, arm="snake")
+    arm = load_arm("snake", out, out / "arms")
+    q_deg = pd.read_csv(out / "joints.csv", index_col="id").to_numpy()
+    T_link_end = Chain.of(arm).forward(np.radians(q_deg))
+    places, axes = (pd.read_csv(out / f"{name}.csv") for name in ("points", "links"))
+    p_m = places[["x_m", "y_m", "z_m"]].to_numpy().reshape(4, 7, 3)
+    x, z = (axes[[f"{axis}_{k}" for k in "xyz"]].to_numpy().reshape(4, 6, 3) for axis in "xz")
+    first = np.stack([x[:, 0], np.cross(z[:, 0], x[:, 0]), z[:, 0]], axis=2)
+    ends = p_m[:, 0] + (first @ T_link_end[:, :3, 3, None])[..., 0]
+    np.testing.assert_allclose(ends, p_m[:, -1], atol=1e-12)
+    np.testing.assert_allclose((first @ T_link_end[:, :3, :3])[..., 2], z[:, -1], atol=1e-12)
+
+
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
+        ({"curve": HELIX, "link_m": 0.01, "arm": "snake"}, "the arm has too many rows"),
+        ({"curve": HELIX, "link_m": 0.1, "links": 1, "arm": "snake"}, "two links or more"),
+        ({"curve": HELIX, "link_m": 0.1, "arm": "a/b"}, "key arm does not fit"),
         ({"curve": HELIX}, "allowed: link_m, links, or both"),
         ({"curve": {**HELIX, "radius": 1}, "link_m": 0.1}, "unknown key"),
         (

@@ -12,7 +12,14 @@ from pa10cal.arm.chain import Chain, frames
 from pa10cal.arm.description import neighbouring_axes
 from pa10cal.arrays import homogeneous
 from pa10cal.errors import ArmError, CurveError
-from pa10cal_curve.angles import arm_posture, chain_arm, chain_points, first_axes, joint_angles
+from pa10cal_curve.angles import (
+    arm_on_first_link,
+    arm_posture,
+    chain_arm,
+    chain_points,
+    first_axes,
+    joint_angles,
+)
 from pa10cal_curve.curve import circle, line
 from pa10cal_curve.points import lay_points
 
@@ -213,6 +220,26 @@ def test_straight_at_zero_and_without_parallel_neighbours():
     np.testing.assert_allclose(found, T_straight, atol=1e-15)
     assert not any(axes.parallel for axes in neighbouring_axes(arm))
     assert (arm.limits_rad == [-1.5, 1.5]).all()
+
+
+@given(seed=st.integers(0, 2**32 - 1), order=st.sampled_from(["zy", "yz"]))
+@examples(25)
+def test_an_arm_on_its_first_link_moves_by_the_angles_between_links(seed, order):
+    random = np.random.default_rng(seed)
+    points = lay_points(gentle_spline(random), LINK_M, LINKS)
+    first = first_axes(points.directions, random.uniform(0.0, 6.0))
+    joints = joint_angles(points.directions, first, order)
+    limits_rad = np.array([[-1.0, 1.1], [-1.2, 1.3]])
+    arm = arm_on_first_link("chain", LINKS, LINK_M, limits_rad, order)
+    assert arm.n == 2 * (LINKS - 1)
+    of_turn = limits_rad if order == "zy" else limits_rad[::-1]
+    np.testing.assert_array_equal(arm.limits_rad[:2], of_turn)
+    turns = joints.turns_rad if order == "zy" else joints.turns_rad[::-1]
+    T_base = homogeneous(first, points.p_m[0])
+    T_end = T_base @ Chain.of(arm).forward(turns.T.reshape(1, -1))[0]
+    np.testing.assert_allclose(T_end[:3, 3], points.p_m[-1], atol=1e-12)
+    np.testing.assert_allclose(T_end[:3, :3], joints.axes[-1], atol=1e-12)
+    assert not any(axes.parallel for axes in neighbouring_axes(arm))
 
 
 def test_points_that_are_no_shape_of_it_are_refused():

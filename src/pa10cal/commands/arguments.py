@@ -33,10 +33,11 @@ _OUTPUTS = {
     "blind_trials": ("verdicts", "truths"),
     "score_trials": ("scores", "trials"),
 }
+_OF_A_CURVE = ("angles", "points", "links", "shape", "joints")
 #: Files, as patterns of names, that a command writes into a folder that is one of its outputs.
 _IN_FOLDER = {
     "calibrate": ("*N.json", "combined.json", "general.json"),
-    "curve": ("curve.json", "angles.csv", "points.csv", "links.csv", "shape.csv"),
+    "curve": ("curve.json", *(f"{name}.csv" for name in _OF_A_CURVE), "arms/*.yaml"),
     "fleet_summary": ("fleet.*",),
     "join": ("poses.parquet", "quarantine.csv", "*.yaml", "*.urdf"),  # with the arm's description
     "measured": ("measured.csv", "measured.json"),
