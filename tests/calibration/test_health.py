@@ -14,6 +14,7 @@ from pa10cal.calibration.fit_summary import FitSummary, poses_needed
 from pa10cal.calibration.grade_evidence import GradeEvidence
 from pa10cal.calibration.health import RIGID
 from pa10cal.calibration.health import health as health_of
+from pa10cal.calibration.serial_correlation import SerialCorrelation
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.problem import Solution, identify, not_identifiable
 from pa10cal.observe.paths import HeldOutPlaces
@@ -116,6 +117,8 @@ def test_a_fit_down_to_the_noise_is_good():
     assert "such an instrument can (rank 6)" in found.line
     assert "but for" not in found.line
     assert found.findings == ()
+    alike = SerialCorrelation(1.0, 50.0)
+    assert "of the base 100 poses tell as much" in health(ended(), errors(alike=alike)).line
 
 
 def test_a_tilt_that_was_left_at_zero_is_not_called_determined():

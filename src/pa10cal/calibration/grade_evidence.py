@@ -13,6 +13,7 @@ from pa10cal.calibration.departures import common_lengthening, impossible_depart
 from pa10cal.calibration.fit_summary import FitSummary, poses_needed
 from pa10cal.calibration.noisy_campaign import NoisyCampaign
 from pa10cal.calibration.rules import GRADES
+from pa10cal.calibration.serial_correlation import SerialCorrelation
 from pa10cal.results import calibration as records
 from pa10cal.results.calibration import InputFinding
 
@@ -76,6 +77,8 @@ class GradeEvidence:
     noisy_campaign: NoisyCampaign | None = None
     # tilts of parallel axes that the readings do not show and the fit left at zero, by name
     not_shown: tuple[str, ...] = ()
+    # how alike errors of poses are that follow each other in time; None where they are not
+    alike: SerialCorrelation | None = None
 
     # The remaining error, and the noise.
 

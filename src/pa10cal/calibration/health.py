@@ -343,6 +343,8 @@ def _remarks(evidence: GradeEvidence) -> Iterator[str]:
         )
     if evidence.noisy_campaign is not None:
         yield str(evidence.noisy_campaign)
+    if evidence.alike is not None:
+        yield str(evidence.alike)
     for scatter in evidence.repeats:
         told = GRADES.repeats_told < scatter.ratio <= GRADES.stated_ratio
         if told and not scatter.is_of_attitude:

@@ -323,7 +323,22 @@ class Records:
     curve_points: int = 40  # points of the curve of poses measured (computing)
 
 
+@dataclass(frozen=True)
+class Alike:
+    """When errors of poses that follow each other in time are alike."""
+
+    least_rows: int = 40  # poses below which nothing is said of it (statistics)
+    # probability by chance below which errors that follow each other are alike (level)
+    error_rate: float = 1e-3
+    # other orders of the poses, in none of which errors may be as much alike (statistics)
+    orders: int = 199
+    # poses in which the correlation falls to 1/e, of the shortest and the longest tried (size)
+    poses: tuple[float, float] = (0.5, 500.0)
+    tried: int = 20  # durations, and shares of the variance, that are tried (computing)
+
+
 GRADES = Grades()
+ALIKE = Alike()
 CHECKS = Checks()
 SPRINGS = Springs()
 UNKNOWNS = Unknowns()
@@ -334,6 +349,7 @@ RECORDS = Records()
 #: All of them, by what they decide.
 SECTIONS = {
     "grades": GRADES,
+    "alike": ALIKE,
     "checks": CHECKS,
     "springs": SPRINGS,
     "unknowns": UNKNOWNS,

@@ -191,3 +191,25 @@ def test_readings_of_another_arm_are_refused(see):
     wrong = replace(observations, states=replace(observations.states, q_rad=q_rad))
     with pytest.raises(CalibrationError, match="does not fit the readings"):
         case_of(arm, wrong)
+
+
+def test_errors_that_last_make_the_base_less_certain_and_hardly_the_arm(see):
+    poses = see("irb120", "points", count=150, tilted=False)
+    rng, lasting = np.random.default_rng(3), np.zeros_like(poses.measured.p_instr_m)
+    for k in range(1, len(poses)):
+        lasting[k] = 0.97 * lasting[k - 1] + 5e-6 * rng.standard_normal(lasting[k].shape)
+    p_instr_m = poses.measured.p_instr_m + lasting
+    noisy = replace(poses, measured=replace(poses.measured, p_instr_m=p_instr_m))
+    mixed = noisy.with_states(replace(noisy.states, time_s=rng.permutation(noisy.states.time_s)))
+    unknown = noisy.with_states(replace(noisy.states, timed=np.zeros(len(noisy), dtype=bool)))
+    found, of_mixed, untimed = (general("irb120", each) for each in (noisy, mixed, unknown))
+    assert of_mixed.alike is None
+    assert untimed.alike is None
+    assert 20.0 < found.alike.rows_for_one < 150.0
+    roles = found.problem.roles
+    times = np.sqrt(np.diag(found.fit.covariance) / np.diag(of_mixed.fit.covariance))
+    base = [k for k, name in enumerate(roles) if name == "base"]
+    assert times[base[:3]].min() > 3.0
+    links = found.problem.having("link")
+    assert np.median(times[links]) < 2.0
+    assert "poses tell as much as one" in str(found.alike)

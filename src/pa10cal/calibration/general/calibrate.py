@@ -35,12 +35,14 @@ from pa10cal.calibration.general.springs import (
 )
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.calibration.rules import FIT, GRADES, SPRINGS, UNKNOWNS
+from pa10cal.calibration.serial_correlation import SerialCorrelation, serial_correlation
 from pa10cal.errors import RecordError
 from pa10cal.fit.loads import with_loads_read_by, with_torques
 from pa10cal.fit.problem import DEPARTURES, Problem, hardly_known, usual_departures
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Start
+from pa10cal.observe.time_order import may_show_changes
 from pa10cal.results.calibration import BaseFrameRecord, CalibratedParameter, PriorPart
 from pa10cal.terms.model import Model
 
@@ -63,6 +65,9 @@ class GeneralCalibration(GeneralProblem):
     held_rigid: tuple[int, ...] = ()
     # (k, k) covariance of the unknowns beside the tilts that are zero; None where none is
     beside_tilts: Array | None = None
+    # how alike errors of poses are that follow each other in time, which the covariances hold;
+    # None where they are not
+    alike: SerialCorrelation | None = None
 
     @property
     def covariance_of_each(self) -> Array:
@@ -122,6 +127,7 @@ def calibrate_general(
     found = _of_usual_size(problem, found, start, fitted)
     if settled:
         beside_tilts = _beside_tilts(tilted, problem, found)
+    alike, added = _by_alike_errors(problem, found)
     return GeneralCalibration(
         problem=problem,
         x_start=last.x_start,
@@ -130,11 +136,33 @@ def calibrate_general(
         torques_from=posed.torques_from,
         payload=payload,
         settled=settled,
-        fit=found,
+        fit=replace(found, covariance=found.covariance + added),
         unproven=unproven,
         held_rigid=held_rigid,
-        beside_tilts=beside_tilts,
+        beside_tilts=None if beside_tilts is None else beside_tilts + added,
+        alike=alike,
     )
+
+
+def _by_alike_errors(
+    problem: Problem, found: GeneralSolution
+) -> tuple[SerialCorrelation | None, Array | float]:
+    """Return how alike errors in order of time are, and what that adds to the covariance (k, k).
+
+    What many poses determine together, as the base, is the less certain. Nothing where time goes
+    with place: there errors are alike that the model makes.
+    """
+    poses = problem.observations
+    if not may_show_changes(poses):
+        return None, 0.0
+    order = np.argsort(poses.states.time_s, kind="stable")
+    whitener = (np.sqrt(found.weights)[:, None, None] * found.whitener)[order]
+    alike = serial_correlation((whitener @ found.residual[order, :, None])[:, :, 0])
+    if alike is None:
+        return None, 0.0
+    pairs = alike.beside_independent(whitener @ problem.rows(found.x).jacobian[order])
+    covariance = found.covariance / found.widening
+    return alike, covariance @ pairs @ covariance
 
 
 def _springs_beyond(posed: GeneralProblem) -> tuple[int, ...]:

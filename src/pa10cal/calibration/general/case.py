@@ -298,6 +298,7 @@ class _FittedCase:
                 full.problem.stated_covariance[~self.flagged[self.rows]],
             ),
             not_shown=tuple(full.settled),
+            alike=full.alike,
         )
 
 
