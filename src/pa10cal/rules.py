@@ -408,7 +408,7 @@ class Masses:
 
     # mass of an arm of 1 m [kg], and the power of the length with which arms weigh: a UR10 of 1.7 m
     # 29 kg, an MA2010 of 2.8 m 260 kg, a KR 1000 titan of 5.1 m 4690 kg, by their makers' data
-    # sheets (size)
+    # sheets; beyond the largest usual extent they weigh as they are long (size)
     kg_at_1_m: float = 15.0
     length_power: float = 3.0  # the power just said (size)
     # drives and flanges weigh as if every link were longer by this part of the arm (size)

@@ -61,6 +61,19 @@ def test_weights_scale_with_the_cube_of_the_arm_and_uncertainty_with_them(factor
     assert known.origin == "assumed"
 
 
+def test_a_boom_weighs_as_it_is_long_and_not_as_its_cube():
+    """The cube of 20 m would be 120 t, and stiffness beside such weights as far off."""
+
+    def total_kg(reach_m):
+        arm = bare()
+        size = reach_m / arm.reach_m
+        larger = replace(arm, a_m=size * arm.a_m, d_m=size * arm.d_m)
+        return float(with_assumed_weights(larger).mass_kg.sum())
+
+    assert total_kg(7.0) == pytest.approx(8.0 * total_kg(3.5))
+    assert total_kg(21.0) == pytest.approx(3.0 * total_kg(7.0))
+
+
 def test_a_rail_makes_the_arm_on_it_no_heavier():
     def on_rail(rail_m):
         limits_rad = load_arm("ur10").limits_rad.copy()

@@ -19,7 +19,7 @@ from pa10cal.arm.statics import Payload, PoseStates
 from pa10cal.arrays import Array
 from pa10cal.fit.fitted import Fitted
 from pa10cal.results.number_text import plain_number
-from pa10cal.rules import MASSES
+from pa10cal.rules import MASSES, SIZES
 from pa10cal.terms.model import Model
 from pa10cal.terms.weights import Weights, WeightSizes, holds_weights
 
@@ -177,7 +177,9 @@ def with_assumed_weights(arm: Arm, total_kg: float | None = None) -> Arm:
     if total_kg is None:
         # A rail bears the arm, and makes it no heavier.
         rail_m = float(np.abs(arm.joint_ranges_rad[0]).max()) if arm.prismatic[0] else 0.0
-        all_kg = MASSES.kg_at_1_m * (arm.reach_m - rail_m) ** MASSES.length_power
+        reach_m, usual_m = arm.reach_m - rail_m, SIZES.extent_m[1]
+        all_kg = MASSES.kg_at_1_m * min(reach_m, usual_m) ** MASSES.length_power
+        all_kg *= max(reach_m / usual_m, 1.0)  # booms are built light, each part as the one before
     else:
         all_kg = total_kg
     mass_kg = all_kg * size_m / size_m.sum()
