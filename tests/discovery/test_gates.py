@@ -328,6 +328,18 @@ def test_what_uncertain_weights_take_up_is_no_comfort(monkeypatch, wave, nothing
     assert [*reasons_against_none(nothing_hidden.discovery)] == []
 
 
+@pytest.mark.parametrize("differ", [False, True])
+def test_loads_that_are_off_by_one_factor_look_like_weights_that_are(monkeypatch, wave, differ):
+    monkeypatch.setattr(against_none, "holds_weights", lambda term: True)
+    train = wave.discovery.train
+    states = train.poses.states
+    load_N = 40.0 * differ * (np.arange(len(states)) % 2)
+    poses = train.poses.with_states(replace(states, load_N=load_N))
+    found = replace(wave.discovery, train=replace(train, poses=poses))
+    told = "".join(reasons_against_none(found))
+    assert ("they do, or all loads do from load_N by one factor, or" in told) == differ
+
+
 def test_too_many_alternatives_are_no_name(wave):
     finding, model = made(wave.discovery)
     others = [effect for effect in wave.family if effect != finding.effect and not effect.generic]

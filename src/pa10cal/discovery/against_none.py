@@ -36,9 +36,13 @@ def reasons_against_none(found: Verdict) -> Iterator[str]:
         and after_mm < NAMES.most_left_share * before_mm
         and train.reduction.interval95_mm[0] > 0.0
     ):
+        # Loads and stiffness that are off by one factor are weights that are off by its inverse.
+        loads = "or all loads do from load_N by one factor, " * bool(
+            np.ptp(train.poses.states.load_N)
+        )
         yield (
             f"the error falls from {before_mm:.3g} to {after_mm:.3g} mm if the weights may differ "
-            "from the description: they do, or an effect of gravity is present (such as "
+            f"from the description: they do, {loads}or an effect of gravity is present (such as "
             "encoder_eccentricity of a joint that lifts); logged torques would show which"
         )
     torque = found.scorer.torque_test
