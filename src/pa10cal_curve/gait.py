@@ -31,7 +31,13 @@ from pa10cal_curve.options import (
     LineShape,
     Shape,
 )
-from pa10cal_curve.points import CurvePoints, equal_links, farthest_m, lay_points
+from pa10cal_curve.points import (
+    CurvePoints,
+    equal_links,
+    farthest_m,
+    lay_points,
+    parameters_at,
+)
 from pa10cal_curve.records import CurveRecord, CurveShape
 
 
@@ -56,12 +62,20 @@ class Gait:
         return np.asarray(np.abs(np.diff(self.turns_rad, axis=0)).max(axis=(1, 2), initial=0.0))
 
 
-def follow(curves: Sequence[Curve], time_s: Array, options: CurveOptions) -> Gait:
+def follow(
+    curves: Sequence[Curve],
+    time_s: Array,
+    options: CurveOptions,
+    starts: Sequence[float | None] | None = None,
+) -> Gait:
     """Lay links along a curve that changes in time, or along one curve at one time.
 
     The first shape has the roll that the options choose. Of a shape that moves by itself each one
     after has the smallest largest angle of the rolls to which no joint moves farther than allowed,
     or, where there is none, moves least.
+
+    Args:
+        starts: parameter of each curve at which the first link begins; None for its beginning.
 
     Raises:
         CurveError: when the links do not fit on the curve at some time, or no roll keeps the
@@ -72,9 +86,10 @@ def follow(curves: Sequence[Curve], time_s: Array, options: CurveOptions) -> Gai
     joints: list[JointAngles] = []
     rolls: list[float] = []
     z_carried: Array | None = None
-    for curve, time in zip(curves, time_s, strict=True):
+    starts = [None] * len(curves) if starts is None else starts
+    for curve, time, start in zip(curves, time_s, starts, strict=True):
         try:
-            points = _points_on(curve, options, all_links=moves)
+            points = _points_on(curve, options, start, all_links=moves)
             chain = roll.RollMap.of(points.directions, options.order, z_carried)
             rolls.append(_roll(chain, options, time, joints[-1].turns_rad if joints else None))
         except CurveError as error:
@@ -94,7 +109,9 @@ def follow(curves: Sequence[Curve], time_s: Array, options: CurveOptions) -> Gai
     return Gait(time_s, tuple(curves), tuple(shapes), tuple(joints), np.unwrap(rolls))
 
 
-def _points_on(curve: Curve, options: CurveOptions, *, all_links: bool) -> CurvePoints:
+def _points_on(
+    curve: Curve, options: CurveOptions, start: float | None, *, all_links: bool
+) -> CurvePoints:
     """Lay the links of the options along a curve, all of them or as many as fit.
 
     Raises:
@@ -103,13 +120,13 @@ def _points_on(curve: Curve, options: CurveOptions, *, all_links: bool) -> Curve
     if options.link_m is None:
         assert options.links is not None  # the options have one of the two
         return equal_links(curve, options.links)
-    points = lay_points(curve, options.link_m, options.links)
+    points = lay_points(curve, options.link_m, options.links, start)
     if not points.n:
         raise CurveError(
-            "the curve stays within a link's length of its beginning",
+            "the curve stays within a link's length of where the links begin",
             where="link_m",
             value=options.link_m,
-            allowed="less than the curve gets away from where it begins",
+            allowed="less than the curve gets away from there",
             remedy="take shorter links",
         )
     if all_links and points.n != options.links:
@@ -143,7 +160,7 @@ def _roll(chain: roll.RollMap, options: CurveOptions, time_s: float, last: Array
     roll_rad = float(np.radians(options.roll_deg))
     if options.roll == "of_last":
         roll_rad = roll.roll_for_last(chain, np.array(options.z_of_last)).roll_rad
-    if gait is not None and rolling:
+    if gait is not None and rolling and gait.period_s is not None:
         roll_rad += 2.0 * np.pi * time_s / gait.period_s
     if limits is not None:
         kept_rad = roll.room_at(chain, roll_rad, limits).roll_rad
@@ -192,14 +209,18 @@ def laid(curve: Curve, options: CurveOptions) -> tuple[CurveRecord, dict[str, Co
         CurveError: when the links do not fit on the curve, or no roll keeps the limits.
     """
     curves, time_s, moves = [curve], np.zeros(1), options.gait
+    starts: list[float] | None = None
     if moves is not None:
         time_s = np.linspace(0.0, moves.seconds, moves.shapes)
         curves = [curve] * len(time_s)
+        if moves.speed_m_s is not None:
+            starts = parameters_at(curve, moves.speed_m_s * time_s).tolist()
         if moves.moves == "wave":
             assert options.curve is not None  # the options see to it
+            assert moves.period_s is not None  # and to this
             phases_rad = 2.0 * np.pi * time_s / moves.period_s
             curves = [shape_of(options.curve, phase) for phase in phases_rad]
-    gait = follow(curves, time_s, options)
+    gait = follow(curves, time_s, options, starts)
     points, free = gait.points[0], None
     limits = limits_of(options, points.n - 1)
     if limits is not None:

@@ -62,10 +62,16 @@ class LimitOptions(Section):
 class GaitOptions(Section):
     """How the shape moves."""
 
-    moves: Literal["wave", "roll"] = Field(
-        description="wave: the shape's phase travels; roll: the shape stays, the links turn"
+    moves: Literal["wave", "roll", "along"] = Field(
+        description="wave: the shape's phase travels; roll: the shape stays, the links turn; "
+        "along: the shape stays, the links follow it as a snake its path"
     )
-    period_s: FiniteFloat = Field(description="of a wave or a turn; negative: backwards")
+    period_s: FiniteFloat | None = Field(
+        None, description="of a wave or a turn; negative: backwards"
+    )
+    speed_m_s: Positive | None = Field(
+        None, description="with moves: along, at which the first link's beginning follows the curve"
+    )
     seconds: Positive = Field(description="how long it moves")
     shapes: Annotated[int, Field(ge=2, le=2000)] = Field(
         50, description="number of shapes that are computed over these seconds"
@@ -121,9 +127,12 @@ class CurveOptions(Section):
         if gait is None:
             return self
         if gait.move_deg and (rolling or self.roll == "given"):
-            raise ValueError("a wave at roll smallest_angle, where move_deg is stated")
+            raise ValueError("a wave or along, at roll smallest_angle, where move_deg is stated")
         if self.link_m is None or self.links is None or self.links < 2:
             raise ValueError("link_m and two links or more, where the shape moves")
+        along = gait.moves == "along"
+        if along != (gait.speed_m_s is not None) or along != (gait.period_s is None):
+            raise ValueError("gait.speed_m_s with moves: along, else gait.period_s")
         if gait.period_s == 0.0:
             raise ValueError("a period other than 0, where the shape moves")
         if gait.moves == "wave" and not isinstance(self.curve, HelixShape | SerpenoidShape):

@@ -148,7 +148,7 @@ def draw_curve_gait(results: CurveResults) -> Figure:
     """Draw shapes above, the angles of all joints over time and the largest moves below."""
     if len(results.time_s) == 1:
         raise NothingToShowError(ONE_SHAPE)
-    figure = new_figure(_HEIGHT_MM, f"{results.record.links} links along a curve that moves")
+    figure = new_figure(_HEIGHT_MM, f"{results.record.links} links that move along a curve")
     for column, shape in enumerate(evenly(len(results.time_s) - 1, _SHAPES)):
         place_mm = (10.0 + 54.0 * column, 68.0, 50.0, 48.0)
         axes = space(figure, results, int(shape), place_mm, numbers=False)
@@ -214,7 +214,7 @@ def film_curve_film(results: CurveResults, path: Path, dpi: int) -> None:
         raise NothingToShowError(ONE_SHAPE)
     rate = (len(results.time_s) - 1) / float(results.time_s[-1] - results.time_s[0])
     writer = _writer(path, int(np.clip(rate, _LEAST_RATE_HZ, _MOST_RATE_HZ)))
-    title = f"{results.record.links} links along a curve that moves (synthetic)"
+    title = f"{results.record.links} links that move along a curve (synthetic)"
     figure = new_figure(_HEIGHT_MM_OF_FILM, title)
     with writer.saving(figure, str(path), dpi):
         for shape, time_s in enumerate(results.time_s):

@@ -22,6 +22,8 @@ _MOST_LINKS = 10_000_000
 #: Gauss's rule for arc length: nodes from -1 to 1, and the least number of parts of a curve.
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
 _PARTS = 16
+#: Halvings of a part in which a length ends, beyond the last digit.
+_HALVINGS = 60
 #: Places at which the distance of the curve from a link is looked at, its middle one of them.
 _PLACES_A_LINK = 33
 #: The search for a length goes on in steps of this factor, to so much shorter links at most.
@@ -45,7 +47,7 @@ class CurvePoints:
     """Points on a curve, each the first of the curve at the link's length from the one before."""
 
     link_m: float  # length of the n links
-    t: Array  # (n + 1,) parameters of the points; the first is the curve's beginning
+    t: Array  # (n + 1,) parameters of the points; the first is where the chain begins
     p_m: Array  # (n + 1, 3) the points [m]
     # (n,) where the curve only touches the sphere about a link's beginning at its end
     touches: NDArray[np.bool_]
@@ -65,11 +67,14 @@ class CurvePoints:
         return np.asarray(chords / np.linalg.norm(chords, axis=1)[:, None])
 
 
-def lay_points(curve: Curve, link_m: float, most: int | None = None) -> CurvePoints:
+def lay_points(
+    curve: Curve, link_m: float, most: int | None = None, start: float | None = None
+) -> CurvePoints:
     """Lay points along a curve, each the first of it at the link's length from the one before.
 
     Args:
         most: how many links at most; None for as many as there is room for.
+        start: parameter at which the first link begins; None for the curve's beginning.
 
     Raises:
         CurveError: when the length is not positive or longer than the curve, or there would be
@@ -92,7 +97,7 @@ def lay_points(curve: Curve, link_m: float, most: int | None = None) -> CurvePoi
             allowed=f"at least a {_MOST_LINKS:g}th of the curve, {longest_m:g} m",
             remedy="take longer links, or give their number",
         )
-    points = _lay(curve, link_m, _MOST_LINKS if most is None else most)
+    points = _lay(curve, link_m, _MOST_LINKS if most is None else most, start)
     if points.ending is Ending.USED_UP and not points.n:
         raise CurveError(
             "the link is longer than the curve",
@@ -146,11 +151,33 @@ def arc_length_m(curve: Curve, low: float, high: float) -> float:
     """Return the length of a curve between two parameters [m], by Gauss's rule in each cell."""
     bounds = curve.bounds
     ends = bounds.stretches(low, high, bounds.length_m[-1] / _PARTS)
-    half = np.diff(ends)[:, None] / 2.0
-    at = ends[:-1, None] + half * (1.0 + _NODES)
+    return float(_lengths_m(curve, ends[:-1], ends[1:]).sum())
+
+
+def parameters_at(curve: Curve, length_m: Array) -> Array:
+    """Return the parameters (N,) up to which a curve has so much arc length (N,) [m].
+
+    The end of the curve where it is shorter.
+    """
+    bounds = curve.bounds
+    ends = bounds.stretches(bounds.start, bounds.end, bounds.length_m[-1] / _PARTS)
+    before_m = np.append(0.0, np.cumsum(_lengths_m(curve, ends[:-1], ends[1:])))
+    within = (np.searchsorted(before_m, length_m, "right") - 1).clip(0, len(ends) - 2)
+    low, high = ends[within], ends[within + 1]
+    for _ in range(_HALVINGS):
+        middle = (low + high) / 2.0
+        short = before_m[within] + _lengths_m(curve, ends[within], middle) <= length_m
+        low, high = np.where(short, middle, low), np.where(short, high, middle)
+    return np.where(length_m >= before_m[-1], bounds.end, low)
+
+
+def _lengths_m(curve: Curve, low: Array, high: Array) -> Array:
+    """Return the arc lengths (k,) between parameters that lie in one cell each [m]."""
+    half = (high - low)[:, None] / 2.0
+    at = low[:, None] + half * (1.0 + _NODES)
     _, v = curve.with_velocity(at.ravel())
     speed = np.linalg.norm(v, axis=1).reshape(at.shape)
-    return float((half * speed * _WEIGHTS).sum())
+    return np.asarray((half * speed * _WEIGHTS).sum(axis=1))
 
 
 def farthest_m(curve: Curve, points: CurvePoints) -> float:
@@ -175,10 +202,10 @@ def farthest_m(curve: Curve, points: CurvePoints) -> float:
     return farthest
 
 
-def _lay(curve: Curve, link_m: float, wanted: int) -> CurvePoints:
+def _lay(curve: Curve, link_m: float, wanted: int, start: float | None = None) -> CurvePoints:
     """Lay points, many at once where they can be proved, else one by one."""
     bounds, end = curve.bounds, curve.bounds.end
-    begun = np.array([bounds.start])
+    begun = np.array([bounds.start if start is None else start])
     laid, touches = [(begun, curve.at(begun))], [np.zeros(0, dtype=bool)]
     count, block = 0, _FIRST_BLOCK
     while count < wanted:

@@ -6,8 +6,9 @@ import pytest
 from pa10cal.errors import CurveError
 from pa10cal_curve.angles import first_axes
 from pa10cal_curve.curve import helix, serpenoid, spline_through
-from pa10cal_curve.gait import follow
+from pa10cal_curve.gait import follow, laid
 from pa10cal_curve.options import CurveOptions
+from pa10cal_curve.points import arc_length_m
 from pa10cal_curve.roll import RollMap, smallest_move
 
 LINK_M, LINKS, PERIOD_S = 0.1, 10, 2.0
@@ -104,3 +105,38 @@ def test_links_that_do_not_fit_are_refused_with_the_time():
         CurveError, match=r"time 1 s, links: the links do not fit .*; allowed: 8 at"
     ):
         follow(curves, time_s, options())
+
+
+PATH = [[0.0, 0.0, 0.0], [0.5, 0.1, 0.0], [0.9, 0.5, 0.2], [1.2, 0.4, 0.6], [1.9, 0.2, 0.5]]
+ALONG = {"moves": "along", "speed_m_s": 0.2, "seconds": 4.0, "shapes": 33}
+
+
+def test_links_follow_a_path_at_the_speed_asked_for():
+    """Each place that the first link has left is where the others pass, as of a snake."""
+    path = spline_through(np.array(PATH))
+    known = CurveOptions(link_m=LINK_M, links=LINKS, gait=ALONG)
+    record, tables = laid(path, known)
+    points = tables["points"]
+    p_m = np.stack([points[f"{axis}_m"] for axis in "xyz"], axis=1).reshape(33, LINKS + 1, 3)
+    t = points["t"].reshape(33, LINKS + 1)
+    gone_m = [0.0, *(arc_length_m(path, t[0, 0], begun) for begun in t[1:, 0])]
+    np.testing.assert_allclose(gone_m, 0.2 * np.linspace(0.0, 4.0, 33), atol=1e-6)
+    np.testing.assert_allclose(path.at(t.ravel()), p_m.reshape(-1, 3), atol=1e-12)
+    assert record.shapes[-1].ending == "complete"
+    assert record.largest_move_deg < 15.0
+    # Two steps of 0.025 m are half a link: halving them about halves the moves.
+    fine, _ = laid(
+        path, known.model_copy(update={"gait": known.gait.model_copy(update={"shapes": 65})})
+    )
+    assert fine.largest_move_deg < 0.6 * record.largest_move_deg
+
+
+def test_a_path_that_ends_before_the_links_have_gone_along_it_is_refused():
+    path = spline_through(np.array(PATH))
+    with pytest.raises(
+        CurveError, match=r"^time 10 s, links: the links do not fit .*allowed: \d at"
+    ):
+        laid(
+            path,
+            CurveOptions(link_m=LINK_M, links=LINKS, gait={**ALONG, "seconds": 10.0, "shapes": 2}),
+        )

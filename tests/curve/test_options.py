@@ -29,8 +29,11 @@ SOUND = {"curve": HELIX, "link_m": 0.1, "links": 5}
         ({"roll_deg": 50.0}, "allowed: roll: given, where roll_deg is stated"),
         ({"z_of_last": [1.0, 0.0, 0.0]}, "allowed: roll: of_last, where z_of_last is stated"),
         ({"through": "straight"}, "allowed: through for points alone"),
-        ({"gait": {**WAVE, "moves": "roll", "move_deg": 5.0}}, "allowed: a wave at roll smallest"),
-        ({"gait": {**WAVE, "move_deg": 5.0}, "roll": "given"}, "allowed: a wave at roll smallest"),
+        ({"gait": {**WAVE, "moves": "roll", "move_deg": 5.0}}, "allowed: a wave or along, at"),
+        ({"gait": {**WAVE, "move_deg": 5.0}, "roll": "given"}, "allowed: a wave or along"),
+        ({"gait": {**WAVE, "period_s": None}}, "allowed: gait.speed_m_s with moves: along"),
+        ({"gait": {**WAVE, "speed_m_s": 1.0}}, "allowed: gait.speed_m_s with moves: along"),
+        ({"gait": {**WAVE, "moves": "along"}}, "allowed: gait.speed_m_s with moves: along"),
     ],
 )
 def test_what_does_not_fit_or_would_do_nothing_is_refused(changed, message):
@@ -56,6 +59,8 @@ def test_settings_that_were_recorded_are_read_again(changed):
 
 def test_a_curve_that_stays_near_its_beginning_is_refused_with_the_reason():
     options = parse_section(CurveOptions, {"link_m": 2.5}, where="--settings")
-    said = re.escape("link_m: the curve stays within a link's length of its beginning (got 2.5)")
+    said = re.escape(
+        "link_m: the curve stays within a link's length of where the links begin (got 2.5)"
+    )
     with pytest.raises(CurveError, match=said):
         follow([circle(1.0)], [0.0], options)

@@ -24,10 +24,12 @@ from pa10cal_curve.curve import (
 from pa10cal_curve.points import (
     NONE,
     Ending,
+    arc_length_m,
     equal_links,
     farthest_m,
     first_crossing,
     lay_points,
+    parameters_at,
 )
 
 
@@ -358,3 +360,31 @@ def test_no_place_is_farther_from_its_link_than_stated(seed, link_m):
         beside = np.clip(away @ u, 0.0, link_m)[:, None] * u
         seen = max(seen, np.linalg.norm(away - beside, axis=1).max())
     assert farthest_m(curve, points) == pytest.approx(seen, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    "curve",
+    [
+        circle(0.5, 5.0),
+        tight_spline(np.random.default_rng(2)),
+        polyline(np.random.default_rng(3).normal(size=(9, 3))),
+    ],
+)
+def test_parameters_of_arc_lengths(curve):
+    start, end = curve.bounds.start, curve.bounds.end
+    whole_m = arc_length_m(curve, start, end)
+    asked_m = whole_m * np.array([0.0, 1e-6, 0.2, 0.5, 0.93, 1.0, 1.2])
+    t = parameters_at(curve, asked_m)
+    found_m = [arc_length_m(curve, start, at) if at > start else 0.0 for at in t]
+    np.testing.assert_allclose(found_m, asked_m.clip(max=whole_m), rtol=1e-6, atol=1e-9)
+    assert t[0] == start
+    assert t[-1] == end
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+@examples(15)
+def test_links_that_begin_where_another_ended_go_on_as_the_others(seed):
+    curve = tight_spline(np.random.default_rng(seed))
+    points = lay_points(curve, 0.2, most=12)
+    later = lay_points(curve, 0.2, most=9, start=points.t[3])
+    np.testing.assert_allclose(later.p_m, points.p_m[3:], atol=1e-9)
