@@ -171,7 +171,18 @@ def uniform_bounds(
 
     The first point at a distance is found with `fastest` alone; the others, 0 and inf where they
     are not known, make it quicker. The tangent turns no faster than acceleration over speed.
+
+    Raises:
+        CurveError: when they cannot all hold.
     """
+    if not (start < end and 0.0 <= slowest <= fastest and fastest > 0.0 and acceleration >= 0.0):
+        raise CurveError(
+            "the bounds of the curve cannot all hold",
+            where="start, end, slowest, fastest, acceleration",
+            value=[start, end, slowest, fastest, acceleration],
+            allowed="start below end, 0 <= slowest <= fastest, fastest above 0, acceleration >= 0",
+            remedy="correct them",
+        )
     turning = acceleration / slowest if slowest > 0.0 else np.inf
     return CurveBounds(
         edges=np.array([start, end]),

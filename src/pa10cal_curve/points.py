@@ -19,6 +19,8 @@ from pa10cal_curve.curve import Curve, CurveBounds
 #: Points sought together at least and at most, and how much more than were found before.
 _FIRST_BLOCK, _LARGEST_BLOCK, _GROWTH = 32, 4096, 4
 _MOST_LINKS = 10_000_000
+#: By so much a speed may exceed its bound, by rounding far from the origin or at its parameter.
+_SLACK = 1e-6
 #: Gauss's rule for arc length: nodes from -1 to 1, and the least number of parts of a curve.
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
 _PARTS = 16
@@ -77,8 +79,8 @@ def lay_points(
         start: parameter at which the first link begins; None for the curve's beginning.
 
     Raises:
-        CurveError: when the length is not positive or longer than the curve, or there would be
-            millions of links.
+        CurveError: when the length is not positive or longer than the curve, there would be
+            millions of links, or the curve is faster than its bound.
     """
     longest_m = float(curve.bounds.length_m[-1])
     if not (np.isfinite(link_m) and link_m > 0.0):
@@ -106,7 +108,27 @@ def lay_points(
             allowed=f"less than the curve's length, {points.left_m:g} m",
             remedy="take shorter links",
         )
+    _refuse_false_bound(curve, points)
     return points
+
+
+def _refuse_false_bound(curve: Curve, points: CurvePoints) -> None:
+    """Refuse a bound of the speed that does not hold at the points, as others may be the first.
+
+    Raises:
+        CurveError: naming the speed.
+    """
+    _, v = curve.with_velocity(points.t)
+    speed, top_speed = np.linalg.norm(v, axis=1), curve.bounds.top_speed
+    fastest = int(np.argmax(speed))
+    if speed[fastest] > top_speed * (1.0 + _SLACK):
+        raise CurveError(
+            "the curve is faster than its bound says",
+            where=f"t = {points.t[fastest]:g}",
+            value=float(speed[fastest]),
+            allowed=f"at most {top_speed:g}, the bound that the curve states",
+            remedy="state a bound of the speed that holds all along the curve",
+        )
 
 
 def equal_links(curve: Curve, n: int) -> CurvePoints:
@@ -136,6 +158,7 @@ def equal_links(curve: Curve, n: int) -> CurvePoints:
         if points.ending is Ending.EXACT:
             break
     if points.ending is Ending.EXACT and points.n == n:
+        _refuse_false_bound(curve, points)
         return points
     nearest = f"{points.n} links of {points.link_m:g} m leave {points.left_m:g} m"
     raise CurveError(

@@ -95,6 +95,22 @@ def test_a_callable_needs_a_bound_of_its_speed_only():
     assert np.isfinite(uniform_bounds(0.0, 1.0, 1.0, 2.3, 2.0).curvature).all()
 
 
+@pytest.mark.parametrize(
+    "bounds",
+    [
+        (1.0, 0.0, 0.0, 1.0),
+        (0.0, np.nan, 0.0, 1.0),
+        (0.0, 1.0, 2.0, 1.0),
+        (0.0, 1.0, -1.0, 1.0),
+        (0.0, 1.0, 0.0, 0.0),
+        (0.0, 1.0, 0.0, 1.0, -1.0),
+    ],
+)
+def test_bounds_that_cannot_hold_are_refused(bounds):
+    with pytest.raises(CurveError, match="the bounds of the curve cannot all hold"):
+        uniform_bounds(*bounds)
+
+
 # Splines and polylines, and the bounds they state of themselves.
 
 

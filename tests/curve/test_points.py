@@ -388,3 +388,10 @@ def test_links_that_begin_where_another_ended_go_on_as_the_others(seed):
     points = lay_points(curve, 0.2, most=12)
     later = lay_points(curve, 0.2, most=9, start=points.t[3])
     np.testing.assert_allclose(later.p_m, points.p_m[3:], atol=1e-9)
+
+
+def test_a_bound_that_the_curve_breaks_is_refused():
+    true = helix(0.3, 0.2, 2.0)
+    false = Curve(true.place, true.velocity, uniform_bounds(0.0, true.bounds.end, 0.0, 0.03))
+    with pytest.raises(CurveError, match=r"t = .*faster than its bound says \(got 0.30"):
+        lay_points(false, 0.05)
