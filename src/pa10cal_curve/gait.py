@@ -40,6 +40,9 @@ from pa10cal_curve.points import (
 )
 from pa10cal_curve.records import CurveRecord, CurveShape
 
+#: Places of the curve that are written for drawing, and of each of several.
+_PLACES, _PLACES_OF_MANY = 1000, 150
+
 
 @dataclass(frozen=True)
 class Gait:
@@ -122,11 +125,13 @@ def _points_on(
         return equal_links(curve, options.links)
     points = lay_points(curve, options.link_m, options.links, start)
     if not points.n:
+        rest_m = curve.at(np.linspace(points.t[0], curve.bounds.end, _PLACES)) - points.p_m[0]
+        farthest_away_m = float(np.linalg.norm(rest_m, axis=1).max())
         raise CurveError(
             "the curve stays within a link's length of where the links begin",
             where="link_m",
             value=options.link_m,
-            allowed="less than the curve gets away from there",
+            allowed=f"less than {farthest_away_m:.3g} m or so, as far as it gets",
             remedy="take shorter links",
         )
     if all_links and points.n != options.links:
@@ -193,9 +198,6 @@ def shape_of(shape: Shape, phase_rad: float = 0.0) -> Curve:
 
 #: Columns of a table by name.
 Columns = dict[str, NDArray[np.float64] | NDArray[np.int_]]
-
-#: Places of the curve that are written for drawing, and of each of several.
-_PLACES, _PLACES_OF_MANY = 1000, 150
 
 
 def laid(curve: Curve, options: CurveOptions) -> tuple[CurveRecord, dict[str, Columns]]:

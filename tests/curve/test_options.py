@@ -60,7 +60,8 @@ def test_settings_that_were_recorded_are_read_again(changed):
 def test_a_curve_that_stays_near_its_beginning_is_refused_with_the_reason():
     options = parse_section(CurveOptions, {"link_m": 2.5}, where="--settings")
     said = re.escape(
-        "link_m: the curve stays within a link's length of where the links begin (got 2.5)"
+        "link_m: the curve stays within a link's length of where the links begin (got 2.5); "
+        "allowed: less than 2 m or so, as far as it gets"
     )
     with pytest.raises(CurveError, match=said):
         follow([circle(1.0)], [0.0], options)
