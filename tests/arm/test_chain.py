@@ -36,7 +36,7 @@ def first_rows(arm, n):
 
 OF_THE_ARM = (
     *("name", "title", "convention", "T_base_row1", "T_row_n_ee", "weights_known"),
-    *("coupled", "remarks", "controller"),
+    *("coupled", "remarks", "controller", "base_moves"),
 )
 ROW_FIELDS = [field.name for field in fields(Arm) if field.name not in OF_THE_ARM]
 

@@ -318,6 +318,17 @@ class TestNamesThatOnePoseCarries:
             # The error told of it is that without it.
             assert withdrawn.shared_error_mm > 2.0 * first.train.after.mean_mm
 
+    def test_it_is_not_wrong_where_the_rest_is_too_small_to_be_judged(self, wave, monkeypatch):
+        pose, first = wave.readings.pose[40], wave.discovery
+        (finding,) = first.findings
+        proof = finding.proof.model_copy(update={"influential_pose": pose})
+        carried = replace(first, findings=(replace(finding, proof=proof),))
+        few = search.not_sought(first.prepared, wave.baseline, search.HAS_MAPS)
+        monkeypatch.setattr(search, "_judged", lambda *_: few)
+        found = search._without_influential_poses(carried, wave.baseline)
+        assert (found.effects, found.faults) == ((), ())
+        assert f"pose {pose} alone carries it" in found.unexplained[-1].why
+
     def test_it_is_right_where_others_show_the_effect_as_well(self, wave, monkeypatch):
         first, (finding,) = wave.discovery, wave.discovery.findings
         pose = wave.readings.pose[40]

@@ -119,6 +119,14 @@ def test_shipped_arms_stand_at_zero_as_their_makers_say(name, p_base_ee_m, appro
     np.testing.assert_allclose(T[:3, 2], approach, atol=1e-12)
 
 
+def test_an_arm_whose_axes_and_end_meet_needs_a_place_of_its_plate():
+    turned = {"name": "table", "rows": [{"alpha_deg": 90}, {}]}
+    with pytest.raises(ArmError, match=r"no length.*state where its flange is, roughly"):
+        parse_arm(turned, where="table.yaml")
+    stated = parse_arm(turned | {"tool": {"xyz_m": [0.6, 0, 0]}}, where="table.yaml")
+    assert stated.reach_m == pytest.approx(0.6)
+
+
 def test_the_seven_joint_arm_has_the_weight_of_its_specification():
     # 29.9 kg with the base, which does not move
     assert 25.0 < load_arm("iiwa14").mass_kg.sum() < 29.9

@@ -36,6 +36,8 @@ MOST_ROWS = 100
 NEARLY_PARALLEL_RAD = float(np.radians(5.0))
 #: Longest link: booms of cranes reach as far, and arms of which lengths are in millimetres farther.
 LONGEST_M = 100.0
+#: An arm that reaches less far has no length, but for rounding.
+LEAST_REACH_M = 1e-6
 #: Least torque that counts as rated, relative to the largest that any joint carried.
 _LEAST_RATED = 0.05
 #: Fields of an arm with one entry a row.

@@ -151,8 +151,9 @@ def _without_influential_poses(found: Verdict, model: FittedModel) -> Verdict:
     without it. If the effect is then named by the other poses, there is evidence without this one,
     and nothing is wrong with it: it may be the pose that was suggested to show the effect. If an
     unexplained error then remains, the other poses do not fit either, and nothing
-    shows that this pose is worse: it stays, and the names are withdrawn instead. So are names that
-    rest on one pose after the most poses that may be left out.
+    shows that this pose is worse: it stays, and the names are withdrawn instead. So they are where
+    the other poses are too few to be judged, and names that rest on one pose after the most poses
+    that may be left out.
     """
     shown: set[Effect] = set()  # effects that the other poses show as well
     for _ in range(JUDGING.most_carriers):
@@ -166,7 +167,7 @@ def _without_influential_poses(found: Verdict, model: FittedModel) -> Verdict:
         if first.effect in others:
             shown.add(first.effect)
             continue
-        if without.unexplained:
+        if without.unexplained or not is_sought(without):
             break
         found = without
     pose_of = _carried_by_one_pose(found, shown)

@@ -317,6 +317,15 @@ def parse_arm(raw: Any, *, where: str) -> Arm:
         coupled=coupled_joints(content.coupling, prismatic, where),
         remarks=() if laid_anew is None else (_laid_anew(content.name),),
     )
+    if arm.reach_m < description.LEAST_REACH_M:
+        raise ArmError(
+            "the arm has no length: all its axes meet where its end is",
+            where=where,
+            value="0 in d_m, a_m, base and tool",
+            allowed="a length in a row, or the place of its flange or plate under tool",
+            remedy="state where its flange is, roughly, such as tool: {xyz_m: [0.5, 0, 0]}; of a "
+            "URDF, name a tip further out",
+        )
     arm = description.with_hayati_rows(arm)
     _check_hayati(rows, arm, where)
     return arm
