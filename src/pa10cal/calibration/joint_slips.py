@@ -296,13 +296,10 @@ def joints_without_motion(checked: CheckedCampaign) -> InputFinding | None:
     if left_m < max(checked.not_departures_m, CHECKS.no_arm_share * spread_m):
         return None
     where = ", ".join(checked.words.joint(int(k) + 1) for k in still)
-    if len(still) == 1:
-        lacks, remedy = "a joint that moved was not logged", "export what was logged of this joint"
-    else:
-        lacks, remedy = (
-            "joints that moved were not logged",
-            "export what was logged of these joints",
-        )
+    # The file cannot tell a joint that is locked from one of which nothing was logged.
+    it, this = ("it", "this joint") if len(still) == 1 else ("they", "these joints")
+    lacks = f"if {it} moved, that was not logged"
+    remedy = f"export what was logged of {this}, or check the description of the arm"
     # Zeros in the last columns may also fill up what columns shifted to the front left empty.
     if (still == np.arange(axes.shape[1])[-len(still) :]).all():
         lacks += "; or the columns hold the joints that come after theirs, the first ones lost"
