@@ -112,11 +112,16 @@ def with_levels_held_out(found: Verdict[S]) -> Verdict[S]:
     if not places:
         return found
     poses, model = found.train.poses, found.extended.fitted()
-    rows = RowsAboutFit.of(model, poses)
-    odds = {
-        f"joint {joint + 1}": by_levels(model, rows, poses, joint, levels).odds
+    joints = {
+        f"joint {joint + 1}": (joint, levels)
         for joint, levels in enumerate(levels_of_joints(poses, model))
         if len(levels) and f"joint {joint + 1}" in places
+    }
+    if not joints:
+        return found
+    rows = RowsAboutFit.of(model, poses)
+    odds = {
+        place: by_levels(model, rows, poses, *of_joint).odds for place, of_joint in joints.items()
     }
     findings = tuple(
         replace(each, odds_by_levels=odds[each.of])
