@@ -38,6 +38,9 @@ class Counting:
         self.places += t.size
         return self._curve.with_velocity(t)
 
+    length_between_m = Curve.length_between_m  # by the places asked for here
+    length_left_m = Curve.length_left_m
+
 
 def bent_spline(seed: int = 1, points: int = 30) -> Curve:
     """Return a spline through a random walk: about 50 m long, bends down to centimetres."""

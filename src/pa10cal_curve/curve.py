@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,9 @@ _ROUNDED_KINK_RAD = 1e-9
 #: Lengths that differ by less than this part count as equal.
 _SAME_LENGTH = 5e-13
 _ROUNDING = 16.0 * float(np.finfo(float).eps)
+#: Gauss's rule for arc length: nodes from -1 to 1, and the least number of parts of a curve.
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
+_PARTS = 16
 #: Points closer than this, as a part of the largest coordinate, are the same but for rounding: it
 #: would decide in which direction the curve runs there.
 _SAME_POINT = 4096.0 * float(np.finfo(float).eps)
@@ -43,6 +47,22 @@ class Curve:
     def with_velocity(self, t: Array) -> tuple[Array, Array]:
         """Return places and their derivatives by t, both (N, 3); at a kink, of what follows."""
         return self.at(t), np.asarray(self.velocity(t))
+
+    def length_between_m(self, low: Array, high: Array) -> Array:
+        """Return the arc lengths (k,) between parameters (k,) of one cell each, by Gauss's rule."""
+        half = (high - low)[:, None] / 2.0
+        at = low[:, None] + half * (1.0 + _NODES)
+        _, v = self.with_velocity(at.ravel())
+        speed = np.linalg.norm(v, axis=1).reshape(at.shape)
+        return np.asarray((half * speed * _WEIGHTS).sum(axis=1))
+
+    @cached_property
+    def length_left_m(self) -> tuple[Array, Array]:
+        """Parameters (k,) along the curve, and the arc length from each to its end (k,) [m]."""
+        bounds = self.bounds
+        t = bounds.stretches(bounds.start, bounds.end, bounds.length_m[-1] / _PARTS)
+        parts_m = self.length_between_m(t[:-1], t[1:])
+        return t, np.append(np.cumsum(parts_m[::-1])[::-1], 0.0)
 
 
 @dataclass(frozen=True)

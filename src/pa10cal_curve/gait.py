@@ -124,7 +124,7 @@ def _points_on(
         assert options.links is not None  # the options have one of the two
         return equal_links(curve, options.links)
     points = lay_points(curve, options.link_m, options.links, start)
-    if not points.n:
+    if not points.n and not all_links:
         rest_m = curve.at(np.linspace(points.t[0], curve.bounds.end, _PLACES)) - points.p_m[0]
         farthest_away_m = float(np.linalg.norm(rest_m, axis=1).max())
         raise CurveError(

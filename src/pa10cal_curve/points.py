@@ -21,9 +21,6 @@ _FIRST_BLOCK, _LARGEST_BLOCK, _GROWTH = 32, 4096, 4
 _MOST_LINKS = 10_000_000
 #: By so much a speed may exceed its bound, by rounding far from the origin or at its parameter.
 _SLACK = 1e-6
-#: Gauss's rule for arc length: nodes from -1 to 1, and the least number of parts of a curve.
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
-_PARTS = 16
 #: Halvings of a part in which a length ends, beyond the last digit.
 _HALVINGS = 60
 #: Places at which the distance of the curve from a link is looked at, its middle one of them.
@@ -171,10 +168,16 @@ def equal_links(curve: Curve, n: int) -> CurvePoints:
 
 
 def arc_length_m(curve: Curve, low: float, high: float) -> float:
-    """Return the length of a curve between two parameters [m], by Gauss's rule in each cell."""
-    bounds = curve.bounds
-    ends = bounds.stretches(low, high, bounds.length_m[-1] / _PARTS)
-    return float(_lengths_m(curve, ends[:-1], ends[1:]).sum())
+    """Return the length of a curve between two parameters [m]."""
+    from_low_m, from_high_m = _left_m(curve, np.array([low, high]))
+    return float(from_low_m - from_high_m)
+
+
+def _left_m(curve: Curve, t: Array) -> Array:
+    """Return the arc lengths (k,) from parameters (k,) to the end of the curve [m]."""
+    ends, left_m = curve.length_left_m
+    following = np.searchsorted(ends, t, "right").clip(1, len(ends) - 1)
+    return np.asarray(left_m[following] + curve.length_between_m(t, ends[following]))
 
 
 def parameters_at(curve: Curve, length_m: Array) -> Array:
@@ -182,25 +185,16 @@ def parameters_at(curve: Curve, length_m: Array) -> Array:
 
     The end of the curve where it is shorter.
     """
-    bounds = curve.bounds
-    ends = bounds.stretches(bounds.start, bounds.end, bounds.length_m[-1] / _PARTS)
-    before_m = np.append(0.0, np.cumsum(_lengths_m(curve, ends[:-1], ends[1:])))
-    within = (np.searchsorted(before_m, length_m, "right") - 1).clip(0, len(ends) - 2)
+    ends, all_left_m = curve.length_left_m
+    left_m = all_left_m[0] - length_m
+    within = (np.searchsorted(-all_left_m, -left_m, "right") - 1).clip(0, len(ends) - 2)
     low, high = ends[within], ends[within + 1]
     for _ in range(_HALVINGS):
         middle = (low + high) / 2.0
-        short = before_m[within] + _lengths_m(curve, ends[within], middle) <= length_m
+        beyond_m = all_left_m[within + 1] + curve.length_between_m(middle, ends[within + 1])
+        short = beyond_m >= left_m
         low, high = np.where(short, middle, low), np.where(short, high, middle)
-    return np.where(length_m >= before_m[-1], bounds.end, low)
-
-
-def _lengths_m(curve: Curve, low: Array, high: Array) -> Array:
-    """Return the arc lengths (k,) between parameters that lie in one cell each [m]."""
-    half = (high - low)[:, None] / 2.0
-    at = low[:, None] + half * (1.0 + _NODES)
-    _, v = curve.with_velocity(at.ravel())
-    speed = np.linalg.norm(v, axis=1).reshape(at.shape)
-    return np.asarray((half * speed * _WEIGHTS).sum(axis=1))
+    return np.asarray(np.where(length_m > 0.0, np.where(left_m > 0.0, low, ends[-1]), ends[0]))
 
 
 def farthest_m(curve: Curve, points: CurvePoints) -> float:
@@ -212,7 +206,8 @@ def farthest_m(curve: Curve, points: CurvePoints) -> float:
     share = np.linspace(0.0, 1.0, _PLACES_A_LINK)
     for first in range(0, points.n, _LARGEST_BLOCK):
         t = points.t[first : first + _LARGEST_BLOCK + 1]
-        inner = bounds.edges[(bounds.edges > t[0]) & (bounds.edges < t[-1])]
+        begin, end = np.searchsorted(bounds.edges, [t[0], t[-1]])
+        inner = bounds.edges[begin:end]
         even = t[:-1, None] + np.diff(t)[:, None] * share
         at = np.concatenate([even.ravel(), inner])
         link = (np.searchsorted(t, at, "right") - 1).clip(0, len(t) - 2)
@@ -249,7 +244,7 @@ def _lay(curve: Curve, link_m: float, wanted: int, start: float | None = None) -
         count += len(ahead[0])
     t_all, p_all_m = (np.concatenate(parts) for parts in zip(*laid, strict=True))
     gap_m = float(np.linalg.norm(curve.at(np.array([end]))[0] - p_all_m[-1]))
-    left_m = arc_length_m(curve, float(t_all[-1]), end) if t_all[-1] < end else 0.0
+    left_m = float(_left_m(curve, t_all[-1:])[0]) if t_all[-1] < end else 0.0
     same_m = float(bounds.same_length_m(t_all[-1], p_all_m[-1], link_m))
     if max(left_m, gap_m) <= len(t_all) * same_m:
         ending = Ending.EXACT

@@ -9,10 +9,11 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import yaml
 
 from pa10cal.arrays import Array
 from pa10cal.errors import RawDataError, RecordError, SettingsError
-from pa10cal.files.arms import arm_text
+from pa10cal.files.arms import arm_text, parse_arm
 from pa10cal.files.output import whole_files
 from pa10cal.files.table_cells import csv_text
 from pa10cal.input_files import open_file, read_csv, reason
@@ -34,7 +35,7 @@ def write_curve(options: CurveOptions, points: Path | None, out_dir: Path) -> Cu
     Raises:
         SettingsError: when the curve is given twice or not at all.
         RawDataError, CurveError: when its points cannot be used, or the links not be laid.
-        ArmError: when the chain is longer than an arm may be.
+        ArmError: when the chain is longer than an arm may be, or its limits are none of an arm.
     """
     if points is not None and options.curve is None:
         points_m, straight = read_curve_points(points), options.through == "straight"
@@ -55,7 +56,11 @@ def write_curve(options: CurveOptions, points: Path | None, out_dir: Path) -> Cu
         rows = zip(*(np.asarray(column).tolist() for column in columns.values()), strict=True)
         texts[out_dir / f"{name}.csv"] = csv_text(columns, rows)
     if options.arm is not None:
-        texts[out_dir / "arms" / f"{options.arm}.yaml"] = arm_text(arm_of(options, record))
+        text = arm_text(arm_of(options, record))
+        parse_arm(
+            yaml.safe_load(text), where=f"arm {options.arm}"
+        )  # what cannot be read is refused
+        texts[out_dir / "arms" / f"{options.arm}.yaml"] = text
     with whole_files(*texts, out_dir / "curve.json") as (*besides, record_beside):
         for beside, text in zip(besides, texts.values(), strict=True):
             beside.write_text(text, encoding="utf-8", newline="\n")

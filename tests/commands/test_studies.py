@@ -141,6 +141,15 @@ def test_the_chain_as_an_arm_reaches_where_its_last_link_ends(run, order):
     ("settings", "message"),
     [
         ({"curve": HELIX, "link_m": 0.01, "arm": "snake"}, "the arm has too many rows"),
+        (
+            {
+                "curve": {"shape": "line", "length_m": 1.0},
+                "link_m": 0.1,
+                "arm": "stiff",
+                "limits": {"a_deg": [0.0, 0.0]},
+            },
+            "arm stiff: row 1: limits_deg allows the joint no motion",
+        ),
         ({"curve": HELIX, "link_m": 0.1, "links": 1, "arm": "snake"}, "two links or more"),
         ({"curve": HELIX, "link_m": 0.1, "arm": "a/b"}, "key arm does not fit"),
         ({"curve": HELIX}, "allowed: link_m, links, or both"),
