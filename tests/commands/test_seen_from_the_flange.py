@@ -38,7 +38,7 @@ def folder(tmp_path, capsys):
     text = "\n".join(["J1,J2,J3,J4,J5,J6,X,Y,Z", *rows, ""])
     (folder / "scanner.csv").write_text(text, encoding="utf-8")
     capsys.readouterr()
-    assert called("columns", folder / "scanner.csv", robot="seen") == 0
+    assert called("columns", folder / "scanner.csv", robot=folder / "seen.yaml") == 0
     proposed = yaml.safe_load(capsys.readouterr().out) | {"name": "raw"}
     proposed["instrument"]["uncertainty_mm"] = NOISE_MM
     (folder / "campaign.yaml").write_text(yaml.safe_dump(proposed), encoding="utf-8")

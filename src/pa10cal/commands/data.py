@@ -30,8 +30,8 @@ def columns(
     Args:
         files: one with a row a configuration, joint positions and what was measured; or two, the
             joints in one and the readings in the other.
-        robot: name of the arm: of a description beside the file (also as NAME.yaml), of a shipped
-            one, or of robot_descriptions.
+        robot: name of the arm: of a description beside the file (also as NAME.yaml, or its path),
+            of a shipped one, or of robot_descriptions.
         name: name of the campaign; without it, that of the folder.
         arms: folder of arm descriptions; without it, `arms` beside the folder of the files.
 
@@ -46,6 +46,7 @@ def columns(
     from pa10cal.campaign.propose import propose, propose_two_logs
     from pa10cal.campaign.sniffing import sniff
     from pa10cal.errors import SettingsError, one_line
+    from pa10cal.files import arm_places
     from pa10cal.files.arms import joint_names, load_arm
 
     if len(files) > 2 or len({file.absolute().parent for file in files}) > 1:
@@ -60,6 +61,9 @@ def columns(
     arm: Arm | None = None
     names: tuple[str, ...] = ()
     if robot is not None:
+        places = [place.resolve() for place in arm_places(folder, arms)]
+        if Path(robot).resolve().parent in places:  # a path, as a shell completes it
+            robot = Path(robot).name
         robot = robot.removesuffix(".yaml")
         arm = load_arm(robot, folder, arms)
         names = joint_names(robot, folder, arms)
