@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 from made_up_arm import measure
+from mended import write_simulated
+from pa10cal.discovery.blocked_cv.survey import least_for_blocks
 from pa10cal.discovery.discover import discover
 from pa10cal.discovery.evidence.channel_tests import evidence_lack_of_fit
 from pa10cal.discovery.gap import errors_of
@@ -14,9 +16,12 @@ from pa10cal.discovery.log_faults import fault_of_pose
 from pa10cal.discovery.not_sought import orientations_off, too_few_poses
 from pa10cal.discovery.repeats import same_circumstances
 from pa10cal.discovery.verdict_records import analysis_record, extended_record, verdict_record
+from pa10cal.interface import calibrate, read_campaign
+from pa10cal.interface import discover as discover_in
 from pa10cal.observe.observations import reading_groups
 from pa10cal.results.discovery import Unexplained
 from pa10cal.stages.discover import verdict_lines
+from pa10cal_lab.cell.options import HiddenEffectOptions, SimulateOptions, TrackerOptions
 
 
 @pytest.fixture(scope="module")
@@ -61,6 +66,28 @@ def test_what_too_small_a_campaign_lacks_is_said(made, some, why, remedy):
     if found is not None:
         assert why in found.why
         assert remedy in found.remedy
+
+
+@pytest.mark.parametrize(("targets", "least"), [(1, 100), (2, 100), (3, 70), (5, 70)])
+def test_fewer_poses_are_enough_where_three_targets_show_each(targets, least):
+    seen = np.ones((70, 3 * targets), dtype=bool)
+    readings = SimpleNamespace(measured=SimpleNamespace(components_seen=seen))
+    assert least_for_blocks(readings) == least
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("poses", "names"), [(69, []), (80, [("backlash", "joint 3")])])
+def test_what_three_targets_show_is_sought_in_seventy_poses_and_more(tmp_path, poses, names):
+    plan = TrackerOptions(instrument="points", poses=poses, holdout_share=0.0, targets=3)
+    lost = HiddenEffectOptions(id="backlash", of="joint 3", parameters={"b": 4e-4})
+    settings = SimulateOptions(
+        robot="irb120", random_seed=3, without_touches=plan, hidden_effects=(lost,)
+    )
+    campaign = read_campaign(write_simulated(tmp_path / "robot", settings))
+    found = discover_in(campaign, calibrate(campaign))
+    assert (found.verdict == "not_sought") == (not names)
+    assert [(each.effect.id, each.of) for each in found.effects] == names
+    assert ("at least 70 calibration poses" in (found.remedy or "")) == (not names)
 
 
 def test_orientations_of_another_convention_are_said(made):

@@ -10,7 +10,7 @@ import numpy as np
 from typing_extensions import override
 
 from pa10cal.arrays import Array
-from pa10cal.discovery.blocked_cv.survey import LEAST_FOR_BLOCKS
+from pa10cal.discovery.blocked_cv.survey import least_for_blocks
 from pa10cal.discovery.gap import gap
 from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit
 from pa10cal.discovery.model_with_effects import ModelWithEffects, with_base_motion
@@ -131,7 +131,7 @@ def too_few_poses(readings: Observations, baseline: FittedModel) -> CannotSearch
         return CannotSearch(
             f"{len(readings)} readings of calibration poses are too few to hold out blocks of "
             f"them, and with {repeats} repeats the repeatability is not known",
-            f"measure at least {LEAST_FOR_BLOCKS} calibration poses, or repeat at least "
+            f"measure at least {least_for_blocks(readings)} calibration poses, or repeat at least "
             f"{NOISE.least_differences} readings at the same pose, load and direction of "
             "arrival, moving the arm in between",
         )

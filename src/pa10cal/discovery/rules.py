@@ -112,8 +112,7 @@ class Evidence:
     rounds_of_sizes: int = 4  # rounds in which sizes and fit are found in turn (computing)
     flips: int = 999  # random sign flips (computing)
     flips_seed: int = 20080427  # their random seed (computing)
-    # probability allowed that any candidate gains as much by chance (level)
-    false_rate: float = 0.05
+    false_rate: float = 0.05  # probability that any candidate gains as much by chance (level)
     folds: int = 9  # blocks of poses held out in turn besides (computing)
     # probability allowed that the truth is missing among an effect and its alternatives (level)
     missed_rate: float = 0.03
@@ -137,6 +136,9 @@ class Blocks:
 
     blocks: int = 10  # blocks of poses (trials)
     least_poses: int = 10  # least poses of a block (statistics)
+    # components of poses that show their six motions by more than these, as three targets do, and
+    # the least poses of a block then (trials)
+    sure_poses: tuple[int, int] = (9, 7)
     # poses of the last block outside the joint positions of all others, from which they are dealt
     # to all blocks; ranges of six joints have one or two of them by chance (statistics)
     least_apart: int = 5
@@ -291,8 +293,7 @@ class Motion:
     turns_rad_per_m: tuple[float, ...] = (0.0, 1.0)
     # prior sizes of effects that are tried besides, in plausible sizes (size)
     effect_sizes: tuple[float, ...] = (0.1, 1.0, 3.0)
-    # as `Evidence.pose_variances` (size)
-    pose_variances: tuple[float, float, int] = (0.1, 1e4, 7)
+    pose_variances: tuple[float, float, int] = (0.1, 1e4, 7)  # as `Evidence.pose_variances` (size)
     false_rate: float = 1e-3  # probability allowed of seeing a motion where there is none (level)
     most_jumps: int = 4  # jumps that may be found (trials)
     least_side: int = 4  # readings on either side of a jump (statistics)
@@ -331,8 +332,7 @@ class Change:
     scales: tuple[float, ...] = (0.1, 0.3, 1.0, 3.0, 10.0)  # sizes tried, in that unit (size)
     # prior size of parameters that were fitted to readings before and after, in usual sizes (size)
     static_sizes: float = 10.0
-    # expected difference of base and targets of another model [m, rad] (size)
-    frames: float = 3e-3
+    frames: float = 3e-3  # expected difference of base and targets of another model [m, rad] (size)
     # least share of the squares that a change leaves: rows are no more linear than that (computing)
     same_squares: float = 1e-3
     least_side: int = 10  # readings on either side (statistics)

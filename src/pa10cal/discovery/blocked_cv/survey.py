@@ -28,13 +28,20 @@ from pa10cal.rules import ANGLES
 from pa10cal.terms.effects.context import CandidateContext
 from pa10cal.terms.effects.effect import Effect
 
-#: Fewest poses from which blocks can be held out.
+#: Fewest poses from which blocks can be held out, of whatever instrument.
 LEAST_FOR_BLOCKS = BLOCKS.blocks * BLOCKS.least_poses
+
+
+def least_for_blocks(readings: Observations) -> int:
+    """Return the fewest poses from which blocks can be held out: fewer of three targets each."""
+    components, (sure, poses) = readings.measured.components_seen.sum(axis=1), BLOCKS.sure_poses
+    are_sure = len(components) and np.median(components) >= sure
+    return BLOCKS.blocks * poses if are_sure else LEAST_FOR_BLOCKS
 
 
 def judged_by_blocks(readings: Observations) -> bool:
     """Return whether effects are judged by held-out blocks of poses, and not by repeats."""
-    return len(readings) >= LEAST_FOR_BLOCKS and not enough_repeats(readings)
+    return len(readings) >= least_for_blocks(readings) and not enough_repeats(readings)
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,12 +80,12 @@ class Survey:
         """
         readings, setup = campaign.trusted, campaign.setup
         baseline, torques_logged = baseline or campaign.baseline, campaign.torques == "logged"
-        if len(readings) < LEAST_FOR_BLOCKS:
+        if len(readings) < least_for_blocks(readings):
             raise DiscoveryError(
                 "too few poses to judge effects by blocked cross-validation",
                 where="grid poses",
                 value=len(readings),
-                allowed=f"at least {LEAST_FOR_BLOCKS} poses",
+                allowed=f"at least {least_for_blocks(readings)} poses",
                 remedy="measure more poses, or measure poses repeatedly",
             )
         poses = readings.take(np.argsort(readings.states.time_s, kind="stable"))
