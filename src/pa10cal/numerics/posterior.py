@@ -70,13 +70,13 @@ def posterior_means(gram: Array, projection: Array, priors: Array) -> Array:
     precision = gram.copy()
     precision[:, diagonal, diagonal] += priors
     scale = _to_unit_diagonal(precision[:, diagonal, diagonal], priors)
-    precision *= scale[:, :, None] * scale[:, None, :]
-    try:
-        np.linalg.cholesky(precision)
-    except np.linalg.LinAlgError:  # at least one of them is indefinite
-        systems = zip(gram, projection, map(np.diag, priors), strict=True)
-        return np.stack([posterior_mean(*system) for system in systems])
-    solved = np.linalg.solve(precision, (scale * projection)[:, :, None])[:, :, 0]
+    precision *= scale[:, :, None]
+    precision *= scale[:, None]
+    solved = scale * projection
+    for k, one in enumerate(precision):
+        _, solved[k], failed = dposv(one.T, solved[k], overwrite_a=1)
+        if failed:  # indefinite by rounding
+            solved[k] = posterior_mean(gram[k], projection[k], np.diag(priors[k])) / scale[k]
     return np.asarray(scale * solved)
 
 
