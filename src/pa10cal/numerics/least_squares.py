@@ -16,7 +16,7 @@ from typing import Generic, NamedTuple, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_solve_banded, cholesky_banded, qr
-from scipy.linalg.lapack import dposv, dpotrf
+from scipy.linalg.lapack import dposv, dpotrf, dtrtri
 
 from pa10cal.arrays import Array, Index
 
@@ -103,11 +103,29 @@ class Equations:
 
 
 @dataclass(frozen=True)
+class Factor:
+    """The factor U of normal equations N (k, k), in units of their diagonal: N = D U^T U D."""
+
+    upper: Array  # (k, k) of which the upper triangle is U
+    size: Array  # (k,) the diagonal of D
+
+    def inverse_root(self) -> Array:
+        """Return R (k, k) with R R^T = N^-1, upper triangular."""
+        inverse, _ = dtrtri(self.upper)
+        root = np.triu(inverse)
+        root /= self.size[:, None]
+        return np.asarray(root, dtype=np.float64)
+
+
+@dataclass(frozen=True)
 class Step:
     """An accepted step."""
 
     step: Array  # (k,)
     held: NDArray[np.bool_]  # (k,) unknowns held at a bound
+    # of the normal equations of all others; None where these are singular, where the step was
+    # damped, or where it took unknowns beyond their bounds
+    factor: Factor | None
     before: Equations  # at the point where it began
     gained: float  # decrease of the cost
     damping: float  # relative to the diagonal of the normal equations
@@ -163,7 +181,7 @@ def minimise(
         active = np.zeros(len(here.gradient), bool) if held is None else held(at, here.gradient)
         correction = partial(beyond, at) if beyond is not None else np.zeros_like
         while True:
-            step = _step_within(here, ~active, damping, correction)
+            step, factor = _step_within(here, ~active, damping, correction)
             next_point = moved(at, step)
             if cost is None:
                 there = equations(next_point)
@@ -175,7 +193,7 @@ def minimise(
             damping = max(10.0 * damping, _LEAST_DAMPING)
             if damping > _LARGEST_DAMPING:
                 return Minimum(at, here, count, True, "no step reduces the error: rounding")
-        taken = Step(step, active, here, here.cost - next_cost, damping)
+        taken = Step(step, active, factor, here, here.cost - next_cost, damping)
         if reweighted is not None:
             there = reweighted(next_point, taken)
         at, here = next_point, there or equations(next_point)
@@ -191,48 +209,57 @@ def minimise(
 
 def _step_within(
     here: Equations, free: NDArray[np.bool_], damping: float, correction: Callable[[Array], Array]
-) -> Array:
-    """Return a damped step (k,) of the free unknowns; those that reach a bound stop there."""
-    step = np.zeros(len(free))
+) -> tuple[Array, Factor | None]:
+    """Return a damped step (k,) of the free unknowns; those that reach a bound stop there.
+
+    And the factor of `Step`.
+    """
+    step, begun, factor = np.zeros(len(free)), free, None
     while free.any():
         normal, gradient = here.normal, here.gradient
         if not free.all():
             normal = normal[np.ix_(free, free)]
             gradient = gradient[free] + here.normal[np.ix_(free, ~free)] @ step[~free]
-        step[free] = -solve_normal(normal, gradient, damping)
+        solved, factor = _solved(normal, gradient, damping)
+        step[free] = -solved
         beyond = correction(step)
         step += beyond
         stopped = free & (beyond != 0.0)
         if not stopped.any():
             break
         free = free & ~stopped
-    return step
+    return step, None if damping or free is not begun else factor
 
 
-def solve_normal(normal: Array, right: Array, damping: float = 0.0) -> Array:
+def solve_normal(normal: Array, right: Array) -> Array:
     """Return the solution of normal equations (k, k) for a right side (k,).
 
     Along directions that they do not determine, to within rounding, the solution is zero.
+    """
+    return _solved(normal, right, 0.0)[0] if len(right) else np.zeros(0)
+
+
+def _solved(normal: Array, right: Array, damping: float) -> tuple[Array, Factor | None]:
+    """Return what `solve_normal` does, and the factor; None where the equations are singular.
 
     Args:
         damping: added to the diagonal, relative to it.
     """
-    if not len(right):
-        return np.zeros(0)
     size = np.sqrt(normal.diagonal())
     size[size == 0.0] = 1.0
     unit = normal / (size[:, None] * size)
     unit.flat[:: len(size) + 1] += damping
     diagonal = unit.diagonal().copy()
     # Its transpose is the same matrix in Fortran's order: half of it is factorised in place.
-    _, solved, failed = dposv(unit.T, right / size, overwrite_a=1)
+    upper, solved, failed = dposv(unit.T, right / size, overwrite_a=1)
     if failed:
         unit.flat[:: len(size) + 1] = diagonal
         values, vectors = np.linalg.eigh(unit.T)
         determined = values > _ROUNDING * values[-1]
         directions = vectors[:, determined]
         solved = directions @ ((directions.T @ (right / size)) / values[determined])
-    return np.asarray(solved / size, dtype=np.float64)
+    factor = None if failed else Factor(upper, size)
+    return np.asarray(solved / size, dtype=np.float64), factor
 
 
 @dataclass(frozen=True)

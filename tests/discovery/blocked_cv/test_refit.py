@@ -4,14 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.linalg import block_diag
 
 from made_up_survey import Hidden, at_joint, observe
 from pa10cal.discovery.blocked_cv.by_campaign import parameters_alone
 from pa10cal.discovery.blocked_cv.other_baselines import with_tilts_shown
-from pa10cal.discovery.blocked_cv.refit import PartialFits, determined_count, one_step, refit
+from pa10cal.discovery.blocked_cv.refit import PartialFits, known_before, one_step, refit
 from pa10cal.discovery.given import calibrate_with_effects
 from pa10cal.discovery.model_with_effects import moved_base, with_unknowns
 from pa10cal.discovery.pose_scatter import unweighted
+from pa10cal.numerics.least_squares import Equations, minimise
 from pa10cal.options import Tolerances
 from pa10cal.terms.effects.joint import EncoderEccentricity, JointCompliance, SoftWindup
 from pa10cal.terms.effects.joint_error_map import FadingPrior, JointErrorMap
@@ -127,7 +129,46 @@ def test_by_some_poses_a_parameter_stays_within_its_physical_range(hidden):
 
 def test_an_unknown_that_is_held_is_not_counted_as_determined():
     # known four times better than expected, no better, and held
-    assert determined_count(np.diag([1 / 16, 1.0, 0.0]), np.eye(3)) == pytest.approx(15 / 16)
+    known = first_step(np.diag([16.0, 1.0, 5.0]), np.array([False, False, True]))
+    variances, count = known_before(known, np.eye(3), [slice(0, 3)])
+    np.testing.assert_allclose(variances, [1 / 16, 1.0, 0.0])
+    assert count == pytest.approx(15 / 16)
+
+
+def test_what_a_step_knows_is_the_same_without_its_factor():
+    rng = np.random.default_rng(2)
+    rows, related = rng.standard_normal((20, 7)), [slice(0, 3), slice(3, 6), slice(6, 7)]
+    own = [rng.standard_normal((part.stop - part.start,) * 2) for part in related]
+    prior = block_diag(*(each @ each.T for each in own))
+    held = np.arange(7) == 4
+    taken = first_step(rows.T @ rows + prior, held)
+    assert taken.factor is not None
+    variances, count = known_before(taken, prior, related)
+    dense, dense_count = known_before(replace(taken, factor=None), prior, related)
+    np.testing.assert_allclose(variances, dense, rtol=1e-12)
+    assert count == pytest.approx(dense_count, rel=1e-12)
+    rest = np.ix_(~held, ~held)
+    by_rows = np.linalg.solve((rows.T @ rows + prior)[rest], (rows.T @ rows)[rest])
+    assert count == pytest.approx(np.trace(by_rows))
+
+
+def first_step(normal, held):
+    """Return the first step of a linear problem, by its normal equations."""
+    taken = []
+
+    def equations(x):
+        right = normal @ x - 1.0
+        return Equations(float(x @ (normal @ x) - 2.0 * x.sum()) + 10.0, right, normal)
+
+    minimise(
+        np.zeros(len(held)),
+        equations,
+        lambda x, step: x + step,
+        lambda _, step: not taken.append(step),
+        most_steps=1,
+        held=lambda x, gradient: held,
+    )
+    return taken[0]
 
 
 def test_a_moved_base_is_the_base_times_a_small_motion():

@@ -8,6 +8,7 @@ up to hundreds of parameters each, whose columns are sparse.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -155,6 +156,12 @@ class _Problem:
         of_maps = [every[self._model.columns_of(term)] for term in self._maps]
         self.dense = np.concatenate([*of_dense, every[self._targets]])  # (d,) all but maps
         self._place = np.argsort(np.concatenate([self.dense, *of_maps]))  # (k,) of each unknown
+        # the prior relates unknowns within these with each other, and with no others
+        self.related = [
+            slice(0, len(baseline.x)),
+            *map(self._model.columns_of, effects),
+            slice(self._base.start, len(self.prior)),
+        ]
         self._at: tuple[Array, Array] | None = None  # the last unknowns, and the residual there
 
     def _precision(self) -> Array:
@@ -260,7 +267,7 @@ class _Weighting:
     def __init__(self, problem: _Problem, weights: PoseWeights, widening: Widening) -> None:
         self.problem, self._widening = problem, widening
         self.weights = weights.widened(widening)
-        self._covariance = np.zeros((0, 0))  # (k, k) where the last step began
+        self._variances = np.zeros(0)  # (k,) where the last step began
 
     def equations(self, x: Array) -> Equations:
         """Return the equations at unknowns (k,) by the present weights."""
@@ -273,8 +280,7 @@ class _Weighting:
     def renewed(self, x: Array, taken: Step) -> Equations:
         """Renew weights and expected sizes after a step; return the equations by these."""
         problem = self.problem
-        self._covariance = inverse_of_free(taken.before.normal, problem.prior, ~taken.held)
-        count = determined_count(self._covariance, problem.prior)
+        self._variances, count = known_before(taken, problem.prior, problem.related)
         weights = pose_weights(problem.residual(x), count, problem.measured)
         self.weights = weights.widened(self._widening)
         self.problem = problem.expecting(x)
@@ -283,22 +289,33 @@ class _Weighting:
     def arrived(self, _: Array, taken: Step) -> bool:
         """Return whether the last step was short, in standard uncertainties, and not damped."""
         free = ~taken.held
-        std = np.sqrt(np.maximum(np.diag(self._covariance)[free], np.finfo(float).tiny))
+        std = np.sqrt(np.maximum(self._variances[free], np.finfo(float).tiny))
         return (
             taken.damping < COMPUTING.refit_damping
             and float(np.abs(taken.step[free] / std).max()) < COMPUTING.refit_arrived
         )
 
 
-def determined_count(covariance: Array, prior: Array) -> float:
-    """Return how many unknowns the data determine: the others are as expected, or held.
+def known_before(taken: Step, prior: Array, related: Sequence[slice]) -> tuple[Array, float]:
+    """Return the variances (k,) of the unknowns where a step began, zero of those held.
+
+    And how many the data determine: the others are as expected, or held.
 
     Args:
-        covariance: (k, k) of all unknowns, zero of those held.
-        prior: (k, k) precision of their prior.
+        taken: the step.
+        prior: (k, k) precision of the prior, which the normal equations contain.
+        related: the unknowns by parts, each of which the prior relates with no other.
     """
-    free = np.count_nonzero(np.diag(covariance))
-    return float(free - np.sum(prior * covariance))
+    free = ~taken.held
+    if taken.factor is None:
+        covariance = inverse_of_free(taken.before.normal, prior, free)
+        variances, of_prior = np.diag(covariance), float(np.sum(prior * covariance))
+    else:
+        root = np.zeros((len(free), np.count_nonzero(free)))
+        root[free] = taken.factor.inverse_root()
+        variances = np.einsum("ij,ij->i", root, root)
+        of_prior = sum(float(np.sum(prior[at, at] * (root[at] @ root[at].T))) for at in related)
+    return variances, np.count_nonzero(variances) - of_prior
 
 
 def inverse_of_free(normal: Array, prior: Array, free: Mask) -> Array:
