@@ -1,6 +1,7 @@
 """A search of a survey, again with what its residuals show."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -50,3 +51,22 @@ def test_with_a_drift_it_is_that_of_interleaved_blocks_by_the_model_that_has_it(
     np.testing.assert_array_equal(found.held_out.block, interleaved_blocks(len(time_s)))
     left_out = plain.interleaved_check.squares([drift]).rms_mm
     assert rms(found.held_out.errors_mm) == pytest.approx(left_out, rel=0.03)
+
+
+@pytest.mark.parametrize(("poses", "sought"), [(99, False), (100, True)])
+def test_what_moved_in_time_is_not_sought_in_few_poses(monkeypatch, poses, sought):
+    class SoughtError(Exception):
+        pass
+
+    def motion(searched):
+        raise SoughtError
+
+    for name in ("_with_warm_ups", "_with_lines_and_wobbles"):
+        monkeypatch.setattr(outcome, name, lambda given: given)
+    monkeypatch.setattr(outcome, "_with_motion_shown", motion)
+    survey = SimpleNamespace(poses=range(poses))
+    if sought:
+        with pytest.raises(SoughtError):
+            outcome.search_with_motion(survey)
+    else:
+        assert outcome.search_with_motion(survey).in_time is outcome.NO_MOTION
