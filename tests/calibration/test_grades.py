@@ -15,7 +15,7 @@ import pa10cal
 from calibrated import calibrated
 from mended import write_simulated
 from pa10cal.calibration.campaign import calibrated_record
-from pa10cal.calibration.general import case
+from pa10cal.calibration.general import as_model, case
 from pa10cal.calibration.load_case import LoadCase
 from pa10cal.calibration.options import CalibrationOptions, EffectOfPlace
 from pa10cal.discovery.given_record import record_with_effects
@@ -118,9 +118,9 @@ def test_right_data_of_any_arm_are_not_suspected(campaign, robot, instrument, re
 
 def test_a_spring_that_poses_do_not_identify_decides_no_grade(unweighed, monkeypatch):
     """Under weights that nobody stated a spring is there where poses show it, or not at all."""
-    known = case.not_identifiable
-    monkeypatch.setattr(case, "not_identifiable", lambda *of: known(*of) | {"windup_2"})
-    monkeypatch.setattr(case, "GRADES", replace(case.GRADES, shown_share=0.0))
+    known = as_model.not_identifiable
+    monkeypatch.setattr(as_model, "not_identifiable", lambda *of: known(*of) | {"windup_2"})
+    monkeypatch.setattr(as_model, "GRADES", replace(as_model.GRADES, shown_share=0.0))
     model = pa10cal.calibrate(unweighed)
     assert any(name == "windup_2" for name in (p.name for p in model.model.parameters))
     assert model.grade == "good", model.fitted_to.health
@@ -137,10 +137,10 @@ def test_uncertain_joints_move_an_arm_whose_weights_nobody_stated(unweighed):
 
 def test_a_length_that_is_known_well_beside_open_weights_decides_no_grade(unweighed, monkeypatch):
     """Directions of weights that nobody stated hold a little of a length that poses show well."""
-    known = case.not_identifiable
-    monkeypatch.setattr(case, "not_identifiable", lambda *of: known(*of) | {"delta_d_4"})
+    known = as_model.not_identifiable
+    monkeypatch.setattr(as_model, "not_identifiable", lambda *of: known(*of) | {"delta_d_4"})
     assert pa10cal.calibrate(unweighed).grade == "good"
-    monkeypatch.setattr(case, "GRADES", replace(case.GRADES, shown_share=0.0))
+    monkeypatch.setattr(as_model, "GRADES", replace(as_model.GRADES, shown_share=0.0))
     assert pa10cal.calibrate(unweighed).grade == "few_poses"
 
 

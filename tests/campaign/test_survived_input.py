@@ -315,7 +315,7 @@ def test_a_knocked_ball_is_named_with_its_time_and_loses_no_row(raw_campaign):
     ingested = ingest(raw_campaign)
     assert ingested.quarantined == ()
     (warning,) = ingested.warnings
-    assert re.match(r"ball B moved by 0\.[23]\d\d mm on the tool between P", warning)
+    assert re.match(r"ball B moved by 0\.[23]\d\d mm on the tool between pose P", warning)
     assert "as two campaigns" in warning
 
 
