@@ -427,6 +427,9 @@ class Masses:
     # gain of a joint's logged torque below which a log is right: loads and lengths are stated to
     # about as much (size)
     least_gain: float = 0.02
+    # how far off a joint of an arm that is not calibrated yet may be mastered, or turned by its
+    # load: marks are set by eye to a degree [rad] (size)
+    mastered_rad: float = 0.02
     friction_share: float = 0.03  # friction that may be, of its rated torque (size)
     zero_share: float = 0.01  # zero that may be, of its rated torque (size)
     # friction from which on a log is of a motor, and it is taken out, of its rated torque: sensors

@@ -244,6 +244,24 @@ def test_torques_without_zeros_are_left_as_they_are():
     assert without_torque_errors(log, ARM) is log
 
 
+@pytest.mark.parametrize("off_rad", [[0, 0.02, 0.02, 0, 0.02, 0], [0, -0.02, 0, 0, 0, 0]])
+def test_joints_that_are_mastered_a_degree_off_are_no_errors_of_weights_or_log(off_rad):
+    """They were told as a wrong centre of link 3, and taken out as a zero of joint 3."""
+    arm, rng = load_arm("pa10_6ce"), np.random.default_rng(1)
+    tool = {"mass_kg": 2.4, "com_mm": [0, 0, 190], "load_point_mm": [0, 0, 30]}
+    campaign, plain = described(tool=tool), readings(arm, logged=False, count=200)
+    q = rng.uniform(-0.5, 0.5, (200, 6)) + np.array([0.0, 0.3, 1.3, 0.0, -0.5, 0.0])
+    loads_N = np.resize((0.0, 22.0, 44.0, 90.0), 200)
+    true = replace(plain.states, q_rad=q + off_rad, load_N=loads_N)
+    payload = campaign.payload(arm)
+    tau_Nm = statics_of(Model(Chain.of(arm), ()), np.zeros(0), true, payload).joint_Nm
+    tau_Nm += 0.05 * rng.standard_normal(tau_Nm.shape)
+    log = plain.with_states(replace(true, q_rad=q, tau_Nm=tau_Nm))
+    known = weights_known(weighed(campaign, arm, log))
+    assert known.why == ""
+    assert not known.by_log.zero_Nm.any()
+
+
 FRICTION_NM = np.array([9.0, 8.0, 4.0, 1.5, 0.02, 0.0])
 
 

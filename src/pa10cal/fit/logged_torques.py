@@ -78,6 +78,21 @@ def errors_of_logs(
     return np.concatenate([gain * torque_Nm[:, :, None] * diagonal, friction_Nm, zeros_Nm], axis=2)
 
 
+def _by_posture(model: Model, states: PoseStates, payload: Payload) -> Array:
+    """Return what the k joints that turn change of torques if mastered as usual, (P, n, k)."""
+    columns = []
+    for joint in np.flatnonzero(~model.chain.arm.prismatic):
+        off_rad = MASSES.mastered_rad * np.eye(states.n)[joint]
+        above_Nm, below_Nm = (
+            statics_of(
+                model, np.zeros(0), replace(states, q_rad=states.q_rad + off), payload
+            ).joint_Nm
+            for off in (off_rad, -off_rad)
+        )
+        columns.append((above_Nm - below_Nm) / 2.0)
+    return np.stack(columns, axis=2) if columns else np.zeros((*states.tau_Nm.shape, 0))
+
+
 def torque_scatter_Nm(at: Fitted, states: PoseStates, payload: Payload) -> Array:
     """Return the scatter (n,) of logged torques about a fit by the torques of the weights.
 
@@ -162,6 +177,9 @@ class LoggedTorques:
     # (P, n, c) columns of usual errors of the log, of unit expected size: those of
     # `errors_of_logs`, then that of the external load
     nuisance: Array
+    # (P, n, k) columns of what turns joints of an arm that is not calibrated yet, of unit expected
+    # size: zeros of joints and links that sag move torques, and are no errors of the log
+    by_posture: Array
     load_N: Array  # (P,) external load of each pose
     arrival: Array  # (P, n) direction in which each joint arrived
     repeated: bool  # whether many of the poses are averages of readings
@@ -205,6 +223,9 @@ class LoggedTorques:
             residual_Nm=states.tau_Nm - calculated.joint_Nm,
             by_weights=calculated.by_weights,
             nuisance=np.concatenate([usual_errors, load[:, :, None]], axis=2),
+            by_posture=_by_posture(model, states, payload)
+            if about is None
+            else np.zeros((*states.tau_Nm.shape, 0)),
             load_N=states.load_N,
             arrival=states.arrival,
             repeated=repeated,
@@ -243,7 +264,7 @@ class LoggedTorques:
         """Return the scatter (n,) of logged torques about a fit by weights of any size."""
         if self.scatter_Nm is not None:
             return self.scatter_Nm
-        columns = np.concatenate([self.by_weights * self._any_sizes, self.nuisance], axis=2)
+        columns = self._columns(self._any_sizes)
         least_Nm = MASSES.resolved_share * max(float(np.abs(self.logged_Nm).max()), 1.0)
         scaled = MASSES.any_sizes * columns
         return robust_fit(scaled, self.residual_Nm, _REWEIGHTED, least_Nm).scatter_Nm
@@ -260,8 +281,9 @@ class LoggedTorques:
         Args:
             sizes: (4 n + 3,) standard uncertainties of `amounts`.
         """
-        columns = np.concatenate([self.by_weights * sizes, self.nuisance], axis=2)
-        column_count, weight_count, noise_Nm = columns.shape[2], len(sizes), self._noise_Nm
+        columns, noise_Nm = self._columns(sizes), self._noise_Nm
+        column_count, weight_count = columns.shape[2], len(sizes)
+        of_errors = slice(weight_count + self.by_posture.shape[2], None)
         white = (columns / noise_Nm[:, None]).reshape(-1, column_count)
         data = (self.residual_Nm / noise_Nm).ravel()
         rows = Gaussian.of(white, data)
@@ -278,8 +300,12 @@ class LoggedTorques:
         residual = np.clip(data - white @ x, -MASSES.edge, MASSES.edge)
         covariance = rows.covariance[:weight_count, :weight_count] * np.outer(sizes, sizes)
         objective = float(residual @ residual + x @ x)
-        std = np.sqrt(np.diag(rows.covariance)[weight_count:])
-        return WeightFit(x[:weight_count] * sizes, covariance, objective, x[weight_count:], std)
+        std = np.sqrt(np.diag(rows.covariance)[of_errors])
+        return WeightFit(x[:weight_count] * sizes, covariance, objective, x[of_errors], std)
+
+    def _columns(self, sizes: Array) -> Array:
+        """Return the columns of unit size: weights (4 n + 3,) of these sizes, postures, errors."""
+        return np.concatenate([self.by_weights * sizes, self.by_posture, self.nuisance], axis=2)
 
     def _lower_bounds(self, sizes: Array, column_count: int) -> Array:
         """Return lower bounds of all unknowns over their sizes: every mass stays above zero."""
@@ -297,13 +323,15 @@ class LoggedTorques:
 
         Springs are fitted to torques with the scale errors of the log, and with zeros that do not
         show, and predictions need the same torques: their columns are left out. Weights beside such
-        a zero are off by what it takes up, which predictions then lack.
+        a zero are off by what it takes up, which predictions then lack. Postures are those of the
+        model by which predictions go.
         """
         n, without = self.arm.n, self.without_errors(errors)
         kept = np.ones(without.nuisance.shape[2], dtype=bool)
         kept[:n] = False
         kept[2 * n : 3 * n] = errors.zero_Nm != 0.0 if len(errors.zero_Nm) else False
-        return replace(without, nuisance=without.nuisance[:, :, kept]).fitted(sizes)
+        nuisance, as_modelled = without.nuisance[:, :, kept], without.by_posture[:, :, :0]
+        return replace(without, nuisance=nuisance, by_posture=as_modelled).fitted(sizes)
 
     def without_errors(self, errors: ErrorsShown) -> LoggedTorques:
         """Return the torques less their zeros and friction."""
@@ -431,7 +459,8 @@ class LoggedTorques:
         of_loads = [of_load * (self.load_N == load)[:, None] for load in np.unique(self.load_N)]
         gains = self.nuisance[:, :, :n]
         nuisance = np.concatenate([gains, np.stack(of_loads, axis=2), friction, zeros], axis=2)
-        spare = self.residual_Nm.size - len(sizes) - nuisance.shape[2]
+        others = self.by_posture.shape[2] + nuisance.shape[2]
+        spare = self.residual_Nm.size - len(sizes) - others
         if spare <= 0 or self.payload.of_campaigns:
             none, unknown = np.zeros(n), np.full(n, np.inf)
             return _ErrorFit(none, none, unknown, unknown)
