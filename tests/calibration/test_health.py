@@ -421,12 +421,15 @@ def test_where_none_are_held_out_poses_that_fit_to_the_noise_confirm_a_zero():
     assert (zero.grade, zero.departures) == ("good", (ZERO,))
 
 
-def test_nothing_is_confirmed_by_a_fit_that_did_not_converge():
+def test_what_confirms_a_zero_is_a_fit_that_ended_and_errors_that_predictions_promise():
     fit = mastered(np.radians(-1.99))
     stuck = replace(fit, solution=replace(fit.solution, converged=False, reason="50 steps"))
     found = health(stuck, errors())
     assert (found.grade, found.departures) == ("not_converged", ())
     assert "raise calibration.max_iterations" in found.line
+    far = accuracy(0.05, 0.1, 0.05, 40)  # as far as predictions by few poses are uncertain
+    for u_mm, grade in ((None, "suspect_input"), (0.045, "good")):
+        assert health(fit, errors(held_out=HeldOut(far, u_mm))).grade == grade
 
 
 def test_a_confirmed_zero_stays_beside_another_large_departure():
@@ -443,11 +446,8 @@ def test_a_spring_at_its_softest_is_no_rigid_joint():
     soft = replace(made.parameters[0], lower=1e-7, upper=0.1)
     for windup_rad, said in ((0.1, True), (1e-7, False)):
         x = np.concatenate([[windup_rad], made.solution.x[1:]])
-        fit = replace(
-            made,
-            parameters=(soft, *made.parameters[1:]),
-            solution=replace(made.solution, x=x),
-        )
+        solution = replace(made.solution, x=x)
+        fit = replace(made, parameters=(soft, *made.parameters[1:]), solution=solution)
         assert ("at the end of the physical range" in health(fit, errors()).line) == said
 
 

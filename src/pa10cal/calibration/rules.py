@@ -38,8 +38,8 @@ class Grades:
     # remaining error over a stated noise that nothing else confirms, above which its unit is in
     # doubt: a unit is off by 1000, an effect of the arm leaves less than 100 times the noise (size)
     unit_ratio: float = 300.0
-    # held-out over remaining error, or over the noise, up to which held-out poses confirm a
-    # model (measured)
+    # held-out over remaining error, or over the noise, beside the uncertainty of predictions, up to
+    # which held-out poses confirm a model (measured)
     confirmed_ratio: float = 2.0
     few_held_out: int = 5  # held-out poses that it takes for that (statistics)
     # readings for each degree of freedom taken with which poses that fit to the noise stand in for
