@@ -225,6 +225,8 @@ def test_suggestions_rise_repeat_and_keep_to_the_campaign(ratio, found_first):
         assert set(suggestion.arrive_from) <= {-1.0, 1.0}
         assert suggestion.load_N in (0.0, 44.0)
     assert separating_poses(ratio.problem, found_first.fit, {}, 5).poses == ()
+    # Of no poses nothing is known: that any other could not separate them is not said.
+    assert separating_poses(ratio.problem, found_first.fit, {pair: None}, 0).separations == ()
 
 
 def test_drawn_configurations_keep_clear_near_the_measured_poses(ratio, monkeypatch):

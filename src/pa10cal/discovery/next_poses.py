@@ -181,14 +181,14 @@ def separating_poses(
         found: the fit of the model with what was found.
         asked: pairs of effects with their probabilities, None where these are not known; the first
             of each pair is an effect of the fit, or not testable.
-        count: number of poses.
+        count: number of poses; of 0 nothing is said of what poses would tell.
         random_seed: of the pool.
         divisor: factor by which log evidence is divided where poses share errors.
 
     Raises:
         DiscoveryError: when torques of other poses cannot be predicted, or no pose is admissible.
     """
-    if not asked:
+    if not asked or not count:
         return Plan((), ())
     pool = _pool(problem, random_seed)
     count = min(count, len(pool))
