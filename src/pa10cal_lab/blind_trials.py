@@ -301,7 +301,10 @@ def _judged(
         health=records.TrialHealth(
             grade=health.grade,
             findings=tuple(f"{each.kind} of {each.where}" for each in health.findings),
-            departures=tuple(each.where for each in health.departures),
+            departures=tuple(
+                each.where if each.joint is None else f"joint {each.joint}"
+                for each in health.departures
+            ),
             left_out=left_out,
         ),
     )

@@ -167,7 +167,8 @@ class TrialHealth(record.Part):
 
     grade: Grade  # its grade
     findings: tuple[str, ...]  # what is probably wrong in the input, and where
-    departures: tuple[str, ...] = ()  # parameters far from nominal that held-out poses confirm
+    # joints, and other parameters, far from nominal as held-out poses confirm
+    departures: tuple[str, ...] = ()
     left_out: tuple[str, ...]  # poses with quarantined rows, or that are suspected outliers
 
 
@@ -214,7 +215,7 @@ class JudgedTrialRecord(VerdictKeys, TrialVerdictRecord):
 
     @property
     def departures(self) -> tuple[str, ...]:
-        """Parameters far from nominal, as held-out poses confirm."""
+        """Joints, and other parameters, far from nominal, as held-out poses confirm."""
         return () if self.health is None else self.health.departures
 
     @property

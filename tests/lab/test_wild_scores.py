@@ -103,6 +103,7 @@ CASES = {
         ("not told",),
     ),
     "a zero suspected": (trial("fault", said("unexplained", grade="suspect_input"), ZERO), ()),
+    "a zero that poses confirm": (trial("fault", said(departures=["joint 2"]), ZERO), ()),
     "a zero refused": (trial("fault", None, ZERO, refused=True), ()),
     "a step": (trial("fault", said("check_the_log", faults=(("step_in_time", "x"),)), JUMP), ()),
     "a step with a name": (
