@@ -65,7 +65,9 @@ class Shift(LogFault):
 def test_a_reading_once_excluded_leaves_effects_standing(decides, effects, expected):
     about = {"kind": "outlier", "where": "pose 7", "what": "off", "remedy": "measure again"}
     faults = [DiagnosedFault(**about, decides=each) for each in decides]
-    assert log_is_to_be_checked(faults, has_effects=effects) is expected
+    for unexplained in (False, True):
+        checked = log_is_to_be_checked(faults, has_effects=effects, is_unexplained=unexplained)
+        assert checked is expected
 
 
 def test_a_fault_of_the_whole_log_is_told_with_its_uncertainty_and_is_no_name():
@@ -226,3 +228,12 @@ def test_a_fit_whose_campaigns_agree_with_what_was_found_is_incomplete(
     assert ("with which the campaigns agree" in found.health) is (grade == "incomplete")
     (fault,) = faults_of_input([InputFinding(**CONTRADICTS)])
     assert fault.between_campaigns
+
+
+@pytest.mark.parametrize("kind", ["payload", "campaigns_differ"])
+def test_campaigns_that_no_single_cause_sets_apart_may_lack_an_effect(kind):
+    """What is unexplained is told and predicted then, and not the log blamed for it."""
+    faults = faults_of_input([InputFinding(**CONTRADICTS | {"kind": kind})])
+    for unexplained in (False, True):
+        checked = log_is_to_be_checked(faults, has_effects=False, is_unexplained=unexplained)
+        assert checked is not (unexplained and kind == "campaigns_differ")

@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field
 
 from pa10cal.arrays import Array
-from pa10cal.results.calibration import InputFinding
+from pa10cal.results.calibration import SEVERAL_CAUSES, InputFinding
 from pa10cal.results.discovery import Fault, FaultKind
 from pa10cal.results.record import EffectName
 from pa10cal.terms.statement_faults import LogFault
@@ -73,6 +73,7 @@ _OF_INPUT: dict[str, FaultKind] = {
     "target_label": "label",
     # Campaigns of a group that contradict each other: nearest is a step between them.
     "campaigns": "step_in_time",
+    SEVERAL_CAUSES: "step_in_time",
     "instrument_scale": "step_in_time",
     "instrument_range": "step_in_time",
     "payload": "payload",
@@ -100,14 +101,23 @@ def faults_of_input(suspicions: Sequence[InputFinding]) -> tuple[DiagnosedFault,
                 effect=finding.effect,
                 is_departure=finding.is_departure,
                 between_campaigns=bool(finding.between_campaigns),
+                decides=finding.kind != SEVERAL_CAUSES,
             )
         )
     return tuple(faults)
 
 
-def log_is_to_be_checked(faults: Sequence[DiagnosedFault], *, has_effects: bool) -> bool:
-    """Return whether a verdict is `check_the_log`, by its faults and whether it has effects."""
-    return any(fault.decides or not has_effects for fault in faults)
+def log_is_to_be_checked(
+    faults: Sequence[DiagnosedFault], *, has_effects: bool, is_unexplained: bool
+) -> bool:
+    """Return whether a verdict is `check_the_log`, by its faults and what it has besides.
+
+    Campaigns that no single cause sets apart may as well differ by what is unexplained.
+    """
+    return any(
+        fault.decides or not (has_effects or (fault.between_campaigns and is_unexplained))
+        for fault in faults
+    )
 
 
 def fault_of_quarantined(finding: InputFinding) -> DiagnosedFault:

@@ -355,7 +355,8 @@ class Verdict(Generic[S]):
         if self.why is not None:
             return "not_sought"
         named = (*self.gives_way, *self.in_log, *self.effects)
-        if log_is_to_be_checked(self.faults, has_effects=bool(named)):
+        unexplained = bool(self.unexplained)
+        if log_is_to_be_checked(self.faults, has_effects=bool(named), is_unexplained=unexplained):
             return "check_the_log"
         return word_of(named, self.unexplained)
 

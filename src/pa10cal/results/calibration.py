@@ -20,6 +20,9 @@ Grade = Literal["good", "few_poses", "incomplete", "suspect_input", "not_converg
 UNRESERVED: frozenset[Grade] = frozenset({"good", "few_poses", "incomplete"})
 #: Origins of weights that nobody stated, and from what they are assumed.
 ASSUMED = {"assumed": "the lengths of the links", "total": "the mass of the whole arm"}
+#: Kind of a finding that campaigns contradict each other, and no single cause explains most of it:
+#: the model may lack an effect of what differs between them.
+SEVERAL_CAUSES = "campaigns_differ"
 
 
 class InputFinding(record.Part):

@@ -273,7 +273,7 @@ def told_of(*campaigns):
 def test_where_no_single_cause_explains_most_the_nearest_is_told_and_no_joint():
     told = told_of(differing(1000.0, 100.0, 450.0), differing(900.0, 100.0))
     assert "no single cause explains most of it; nearest is that a reads all lengths" in told.what
-    assert (told.where, told.kind, told.joint) == ("a", "campaigns", None)
+    assert (told.where, told.kind, told.joint) == ("a", "campaigns_differ", None)
     (fault,) = faults_of_input([told])
     assert (fault.kind, fault.where) == ("step_in_time", "a")
     told = told_of(differing(1000.0, 600.0), differing(1000.0, 600.0))

@@ -10,7 +10,7 @@ import numpy as np
 from pa10cal.calibration.general.per_campaign import RANGE_CONSTANT, SCALE, TOOL_MASS, by_chance
 from pa10cal.calibration.rules import GROUPS
 from pa10cal.results import calibration as records
-from pa10cal.results.calibration import InputFinding
+from pa10cal.results.calibration import SEVERAL_CAUSES, InputFinding
 from pa10cal.terms.statement_faults import ToolStated
 
 #: Unit in which a parameter is shown, and the factor to it (unit).
@@ -38,7 +38,7 @@ def contradictions(
     first = max(found, key=lambda name: found[name].chi_square)
     alone, likely = found[first], _likely_causes(group, first)
     if likely[0].differs.chi_square < GROUPS.mostly_share * alone.chi_square:
-        place = _Place(first, "campaigns")
+        place = _Place(first, SEVERAL_CAUSES)
         what = f"no single cause explains most of it; nearest is that {likely[0].words}"
         remedy = (
             "calibrate the campaigns apart, and compare them: several parameters were changed, or "
