@@ -90,6 +90,15 @@ class TestTorque:
         np.testing.assert_allclose(drawn["^"], np.array(joint.torque_residual_Nm)[forward])
         assert sum(map(len, drawn.values())) == len(joint.q_rad)
 
+    def test_every_direction_has_a_legible_legend(self, changed, written_legibly):
+        def first_had_not_moved(fit):
+            for joint in fit["by_joint"]:
+                joint["arrival"][0] = 0.0
+
+        figure = by_joint.draw_where_torque(changed(first_had_not_moved))
+        texts = written_legibly(figure, "Synthetic data.")
+        assert {"arrived in + direction", "in − direction", "had not moved"} <= set(texts)
+
     @pytest.mark.parametrize(
         ("residual", "why"),
         [(None, "need logged torques, known weights and repeated"), (0.0, "none remain")],

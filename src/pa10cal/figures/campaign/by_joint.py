@@ -246,7 +246,7 @@ _NOISES = 2.0
 _LEAST_NM = 1e-6
 #: Directions of arrival: sign, marker and colour, and what they are called.
 _SIDES: tuple[tuple[int, dict[str, Any], str], ...] = (
-    (1, {"color": BLUE, "marker": "^"}, "joint arrived in + direction"),
+    (1, {"color": BLUE, "marker": "^"}, "arrived in + direction"),
     (-1, {"color": ORANGE, "marker": "v"}, "in − direction"),
     (0, {"color": GREY, "marker": "o"}, "had not moved"),
 )
@@ -308,6 +308,6 @@ def draw_where_torque(results: ResultsBundle) -> Figure:
             axes.set(ylim=(-limit, limit), title=title)
     sides = {int(side) for joint in joints for side in np.sign(joint.arrival)}
     shown = [mark(label, **look) for sign, look, label in _SIDES if sign in sides]
-    band = Line2D([], [], color=SEPARATOR, linewidth=5.0, label="noise, ± 2 standard deviations")
+    band = Line2D([], [], color=SEPARATOR, linewidth=5.0, label="noise, ± 2 std")
     legend_at(figure, _LEFT_MM, 6.0, [*shown, band], ncols=4)
     return figure

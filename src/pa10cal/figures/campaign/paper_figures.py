@@ -294,7 +294,7 @@ _MODELS = {
     "linear": ("linear springs", "s"),
     "cubic": ("cubic springs", "o"),
     "calibrated": ("calibrated", "o"),
-    "extended": ("with named effects", "v"),
+    "extended": ("extended model", "v"),
 }
 #: More configurations than this are not named one by one.
 _MOST_NAMES = 45
@@ -305,13 +305,13 @@ _MOST_NAMES = 45
     needs=("papers_calibration", "held_out"),
     section="accuracy",
     caption="""
-Errors of ``{name}`` at poses and loads that no fit uses (Fig. 6 of the paper): poses outside
-the calibrated volume, and loads up to about twice the calibrated ones. Above, every
+Errors of ``{name}`` at poses and loads that no fit uses (Fig. 6 of the paper, whose poses lie
+outside the calibrated volume, under loads up to about twice the calibrated ones). Above, every
 configuration, by load; below, mean and peak over all of them, with the paper's values as hollow
 markers. *Uncalibrated* is the nominal rigid model; *linear* and *cubic* are the calibrated
-models without and with a cubic stiffness term. An error that is larger here than in Fig. 5 is
-the cost of extrapolation. Where linear and cubic springs do equally well, the data do not need
-the cubic term.
+models without and with a cubic stiffness term, and the *extended model* has what the verdict
+adds. An error that is larger here than in Fig. 5 is the cost of extrapolation. Where linear and
+cubic springs do equally well, the data do not need the cubic term.
 """,
 )
 def draw_fig6_holdout(results: ResultsBundle) -> Figure:
