@@ -376,18 +376,14 @@ def test_no_private_name_crosses_modules():
     assert not wrong
 
 
-def test_no_module_is_longer_than_600_lines():
-    assert not [path for path in CODE if len(path.read_text("utf-8").splitlines()) > 600]
+LEAFLETS = 35  # modules of fewer than 60 lines, those that only mark a package among them
 
 
-#: Modules of fewer than 60 lines, those that only mark a package among them: may only fall.
-LEAFLETS = 35
-
-
-def test_leaflets_only_become_fewer():
-    short = [path for path in MODULES if len(path.read_text("utf-8").splitlines()) < 60]
-    assert len(short) <= LEAFLETS, "a new module under 60 lines: join it to the one it serves"
-    assert len(short) == LEAFLETS, "fewer than before: write the new number here"
+def test_no_module_is_longer_than_600_lines_and_leaflets_only_become_fewer():
+    lines = {path: len(path.read_text("utf-8").splitlines()) for path in CODE}
+    assert not [path for path in CODE if lines[path] > 600]
+    short = [path for path in MODULES if lines[path] < 60]
+    assert len(short) == LEAFLETS, "join a new one to the one it serves; of fewer, write the number"
 
 
 def test_nothing_imports_itself_by_way_of_others():
@@ -567,13 +563,17 @@ def test_every_page_stands_in_the_table_of_contents():
     assert measured <= pages
 
 
-def test_pages_that_are_named_exist():
+def test_pages_and_modules_that_are_named_exist():
     named = {
         page
         for path in (*PROSE, *CODE, *(ROOT / "workflow").rglob("*.smk"))
         for page in re.findall(r"\b(docs/[\w/-]+\.md)\b", path.read_text("utf-8"))
     }
     assert not [page for page in sorted(named) if not (ROOT / page).is_file()]
+    files = "".join(f"/{path}\n" for path in (*CODE, *ROOT.glob("[de]*s/**/*.py")))
+    for page in PROSE:
+        modules = re.findall(r"`([\w.-]+/[\w./-]+\.py)`", page.read_text("utf-8"))
+        assert not [name for name in modules if f"/{name}\n" not in files], page
 
 
 PROSE = [
