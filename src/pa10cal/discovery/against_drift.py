@@ -9,7 +9,7 @@ import numpy as np
 
 from pa10cal.discovery import jacobians
 from pa10cal.discovery.finding import Finding
-from pa10cal.discovery.preparation import Prepared, why_unknown
+from pa10cal.discovery.preparation import Prepared, complete, why_unknown
 from pa10cal.discovery.rules import MOTION
 from pa10cal.discovery.target_wander import rows_in_time, wander_instead_of
 from pa10cal.discovery.verdict import Verdict
@@ -21,6 +21,7 @@ from pa10cal.observe.time_order import (
     slow_joints,
     spread_over_time,
 )
+from pa10cal.terms.effects.context import CandidateContext
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.over_time import BaseDrift, ThermalGrowth
 
@@ -29,10 +30,12 @@ def reasons_against_drift(found: Verdict, finding: Finding) -> Iterator[str]:
     """Yield why a drift that was found cannot be named; nothing for other effects."""
     if finding.id != BaseDrift.id:
         return
-    yield from _confounded_with_order(found.prepared)
-    if finding.effect in found.model.model.terms:
-        yield from _of_single_targets(finding.effect, found.model, found.prepared.trusted)
-        yield from _of_a_growing_arm(finding.effect, found)
+    campaign, model = found.prepared, found.model
+    yield from _confounded_with_order(campaign)
+    if finding.effect in model.model.terms:
+        readings = complete(campaign.trusted, campaign.baseline, campaign.setup, model)
+        yield from _of_single_targets(finding.effect, model, readings)
+        yield from _of_a_growing_arm(finding.effect, found.context, model, readings)
 
 
 def _confounded_with_order(campaign: Prepared) -> Iterator[str]:
@@ -52,7 +55,7 @@ def _of_single_targets(effect: Effect, model: FittedModel, readings: Observation
 
     Args:
         model: the model with the effect.
-        readings: single readings.
+        readings: complete single readings.
     """
     residual = model.compared(readings).residual
     if (found := wander_instead_of(effect, model, readings, residual)) is not None:
@@ -62,10 +65,12 @@ def _of_single_targets(effect: Effect, model: FittedModel, readings: Observation
         )
 
 
-def _of_a_growing_arm(effect: Effect, found: Verdict) -> Iterator[str]:
+def _of_a_growing_arm(
+    effect: Effect, context: CandidateContext, model: FittedModel, readings: Observations
+) -> Iterator[str]:
     """Yield why a drift cannot be named: an arm that grows fits as well, no temperature known."""
-    growths = ThermalGrowth.everywhere(found.context)
-    if any(grows_instead(effect, each, found.model, found.prepared.trusted) for each in growths):
+    growths = ThermalGrowth.everywhere(context)
+    if any(grows_instead(effect, each, model, readings) for each in growths):
         yield (
             "an arm that grows as it warms up explains as much or more, and no temperature was "
             "logged; log it"

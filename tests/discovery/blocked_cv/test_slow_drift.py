@@ -1,6 +1,7 @@
 """A base that moves slowly while a campaign lasts, by too little to be a wander."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from made_up_model import fitted, postures
 from made_up_poses import context_of
 from made_up_survey import POSITION_M, observe
 from pa10cal.arm.statics import PoseStates
-from pa10cal.discovery.against_drift import grows_instead
+from pa10cal.discovery.against_drift import grows_instead, reasons_against_drift
 from pa10cal.discovery.blocked_cv import outcome
 from pa10cal.discovery.blocked_cv.by_blocks import discover_by_blocks
 from pa10cal.discovery.blocked_cv.interleaved_check import (
@@ -18,7 +19,7 @@ from pa10cal.discovery.blocked_cv.interleaved_check import (
     steady_courses,
 )
 from pa10cal.discovery.jacobians import by_base, by_terms
-from pa10cal.discovery.preparation import Prepared, why_unknown
+from pa10cal.discovery.preparation import MeasurementSetup, Prepared, why_unknown
 from pa10cal.discovery.target_wander import TargetWander, in_words, target_wander, wander_instead_of
 from pa10cal.fit.model_reading import model_from_plain
 from pa10cal.fit.model_writing import model_to_plain
@@ -26,6 +27,7 @@ from pa10cal.observe.observations import Observations
 from pa10cal.observe.points import Points
 from pa10cal.options import Tolerances
 from pa10cal.terms.effects.over_time import BaseDrift, ThermalGrowth
+from pa10cal.terms.effects.readings import RangeConstant
 from pa10cal.terms.offsets import link_departures
 
 POSES = 400
@@ -306,3 +308,23 @@ def test_where_readings_wander_singly_no_drift_is_named(monkeypatch):
     assert found.effects == ()
     assert "by 0.05 mm" in found.readings_wander
     assert "for about 4 min" in found.readings_wander
+
+
+def test_a_drift_is_judged_beside_an_error_of_the_readings():
+    """Which needs to know where targets were seen; readings did not say so, and it was a crash."""
+    drift, constant = BaseDrift("base", 0.0), RangeConstant("instrument")
+    at, poses, noise_m = wandering(drift=(drift, constant))
+    calibrated = at.only(*(term for term in at.model.terms if term not in (drift, constant)))
+    T_instr_ee = at.T_instr_base @ calibrated.model.predict(poses.states, calibrated.x)
+    ideal_m = poses.measured.ideal(T_instr_ee, at.targets_m).p_instr_m
+    poses = poses.with_measured(p_instr_m=ideal_m + noise_m.reshape(-1, 3, 3))
+    poses = poses.with_states(replace(poses.states, temperature_C=np.full(len(poses), np.nan)))
+    setup = MeasurementSetup(None, TARGETS_M, reference_temperature_C=20.0)
+    found = SimpleNamespace(
+        prepared=Prepared(poses, None, calibrated, setup, "none", False),
+        model=at,
+        context=context_of(at.model.chain.arm),
+    )
+    finding = SimpleNamespace(id=drift.id, effect=drift)
+    for reason in reasons_against_drift(found, finding):
+        assert "an arm that grows" in reason  # of a drift that is none, it explains as much
