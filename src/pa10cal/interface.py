@@ -72,18 +72,18 @@ def read_group(
             several robots, or names are not apart.
         CalibrationError: when the poses of one do not determine its base and targets.
     """
+    from pa10cal.calibration.campaign import located_base
     from pa10cal.calibration.general.calibrate import start_of
     from pa10cal.campaign.description import describe_group, nominal_arm
     from pa10cal.campaign.table import arm_of
     from pa10cal.observe.joined import GroupCampaign, join
-    from pa10cal.observe.seed import locate_base
 
     read = [_as_ingested(folder, options, arms) for folder in folders]
     description = describe_group(name, [(each.description, each.arm) for each in read])
     members = []
     for each in read:
-        about = each.folder, each.name, each.description.provenance
-        seed = locate_base(each.observations, each.arm, BaseFrameOptions(), *about)
+        measured = each.description, each.arm, each.observations
+        seed = located_base(*measured, BaseFrameOptions(), str(each.folder))
         start = start_of(seed, each.observations.measured)
         members.append(GroupCampaign(each.name, each.observations, start))
     together, folder = join(members), read[0].folder

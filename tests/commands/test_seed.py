@@ -124,6 +124,25 @@ def test_one_move_alone_is_refused(raw_campaign, tmp_path, capsys, there, absent
     assert f"or remove its {there} rows too" in said
 
 
+def test_a_reversed_joint_is_told_where_straight_moves_seem_to_go_another_way(
+    raw_campaign, tmp_path, capsys
+):
+    first, *lines = raw_campaign.resolver
+    column = first.split(",").index("q2_deg")
+    for k, line in enumerate(lines, 1):
+        row = line.split(",")
+        row[column] = f"{-float(row[column]):.5f}"
+        raw_campaign.resolver[k] = ",".join(row)
+    status, path = run(raw_campaign.write(), tmp_path)
+    assert status == REFUSED
+    assert not path.exists()
+    said = capsys.readouterr().err
+    assert "line_x: the straight move is not along x of the base" in said
+    assert "the sign of joint 2 is reversed" in said
+    assert "set joint_signs: [1, -1, 1, 1, 1, 1]" in said
+    assert "check the labels" not in said
+
+
 def test_the_poses_of_another_campaign_are_refused(raw_campaign, tmp_path, capsys):
     folder = raw_campaign.write()
     _, path = run(folder, tmp_path)

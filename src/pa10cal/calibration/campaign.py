@@ -2,16 +2,42 @@
 
 from __future__ import annotations
 
+from pa10cal.arm.description import Arm
 from pa10cal.calibration.general.calibrate import start_of
 from pa10cal.calibration.general.case import general_case
+from pa10cal.calibration.health import OF_JOINTS
+from pa10cal.calibration.input_checks import check_input, explained
 from pa10cal.calibration.load_case import LoadCase
-from pa10cal.calibration.options import takes_general_model
+from pa10cal.calibration.options import CalibrationOptions, takes_general_model
 from pa10cal.calibration.paper import paper_case
+from pa10cal.campaign.description import CampaignDescription
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.observe.observations import Observations
 from pa10cal.observe.seed import locate_base
 from pa10cal.options import BaseFrameOptions
 from pa10cal.results.calibration import BaseFrameRecord, CalibrationRecord
+
+
+def located_base(
+    campaign: CampaignDescription,
+    arm: Arm,
+    every: Observations,
+    options: BaseFrameOptions,
+    where: str,
+) -> BaseFrameRecord:
+    """Find base frame and targets of a campaign, as `locate_base` does.
+
+    Raises:
+        CalibrationError: as there. Straight moves that seem to go another way are refused with what
+            is wrong in the log of the joints, such as a reversed sign, if the checks find that.
+    """
+    try:
+        return locate_base(every, arm, options, where, campaign.name, campaign.provenance)
+    except CalibrationError as error:
+        findings = check_input(campaign, arm, every, CalibrationOptions())
+        of_joints = [each for each in findings if each.kind in (*OF_JOINTS, "joint_zero")]
+        raise explained(error, of_joints) from None
 
 
 def calibrated_record(

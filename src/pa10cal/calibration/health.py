@@ -20,7 +20,7 @@ from pa10cal.results.evaluation import BETWEEN
 from pa10cal.terms.joint_spring import reported_name
 
 #: Kinds of findings that are refuted if they would leave a larger error than the fit.
-_OF_JOINTS = ("joint_sign", "joint_order", "joint_coupling")
+OF_JOINTS = ("joint_sign", "joint_order", "joint_coupling")
 #: Why readings that are far from the model may be right.
 RIGID = (
     "the targets keep their distances, so the readings are right: the model lacks something there, "
@@ -146,7 +146,7 @@ def _is_settled(finding: records.InputFinding, evidence: GradeEvidence) -> bool:
     if not evidence.confirmed:
         return False
     left_mm = finding.would_leave_mm
-    return finding.kind in _OF_JOINTS and left_mm is not None and left_mm > evidence.train_rms_mm
+    return finding.kind in OF_JOINTS and left_mm is not None and left_mm > evidence.train_rms_mm
 
 
 def _errors(evidence: GradeEvidence) -> str:

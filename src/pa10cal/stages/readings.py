@@ -133,14 +133,15 @@ def seed(
     Examples:
         pa10cal seed --campaign-dir data/raw/mine --poses poses.parquet --out base_frame.json
     """
+    from pa10cal.calibration.campaign import located_base
     from pa10cal.campaign.description import nominal_arm, read_description
     from pa10cal.campaign.table import read_observations
-    from pa10cal.observe.seed import locate_base, summary
+    from pa10cal.observe.seed import summary
     from pa10cal.results.codec import write
 
     campaign = read_description(campaign_dir)
     observations = read_observations(poses, campaign)
     arm = nominal_arm(campaign, campaign_dir)
-    record = locate_base(observations, arm, settings, poses, campaign.name, campaign.provenance)
+    record = located_base(campaign, arm, observations, settings, str(poses))
     write(record, out)
     print(f"{campaign.name}: {summary(record)}")
