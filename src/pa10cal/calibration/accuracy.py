@@ -59,6 +59,9 @@ class HeldOut:
 
     accuracy: Accuracy  # the errors; of poses along a path, those on stretches that were not fitted
     u_mm: float | None = None  # rms standard uncertainty of the predictions; None where not known
+    # how many of their deviations by it are independent: one where a single parameter, such as a
+    # stiffness under loads beyond those fitted, makes them all; None where not known
+    independent: float | None = None
     repeats: float = 1.0  # readings averaged per held-out pose, over those per fitted pose
     suspected: int = 0  # poses that `accuracy` is without, as a reading is a suspected outlier
     where: str = ""  # where the poses lie, in words; empty where they are well separated
@@ -93,6 +96,24 @@ class HeldOut:
             between=between,
         )
 
+    def with_predictions(self, position: Array, cov: Array) -> HeldOut:
+        """Return the errors with the uncertainty of the predictions.
+
+        Args:
+            position: (P, c, k) derivative of the predicted positions [m].
+            cov: (k, k) of the parameters.
+        """
+        rows = position.reshape(-1, len(cov))
+        # The covariance of predictions, rows cov rows', has the trace of this product, and its
+        # square that of the square.
+        product = rows.T @ rows @ cov
+        variance, square = max(float(np.trace(product)), 0.0), float(np.sum(product * product.T))
+        return replace(
+            self,
+            u_mm=1e3 * float(np.sqrt(variance / len(position))),
+            independent=variance**2 / square if square > 0.0 else None,
+        )
+
 
 def held_out_errors(
     model: FittedModel,
@@ -121,6 +142,4 @@ def held_out_errors(
     places = HeldOutPlaces.of(held_out, fitted)
     deviations = model.deviations(held_out)
     errors = HeldOut.of(deviations, places, trusted, fitted.readings, held_out.readings)
-    position = position[places.counted(trusted)]
-    variance = np.einsum("pck,kl,pcl->p", position, cov, position, optimize=True)
-    return replace(errors, u_mm=float(1e3 * np.sqrt(np.mean(np.maximum(variance, 0.0)))))
+    return errors.with_predictions(position[places.counted(trusted)], cov)

@@ -248,27 +248,41 @@ class GradeEvidence:
         least_mm = max(self.error_mm, self.noise_with_apparatus_mm or 0.0)
         return self.without_log_mm > self.most_over_noise * least_mm
 
-    @property
-    def over_promised(self) -> float | None:
-        """Return the held-out error over the one that the fit promises; None without either.
+    def _promised_mm2(self, held_out: HeldOut) -> tuple[float, float]:
+        """Return the mean squares that errors and uncertain predictions make in held-out poses.
 
-        Promised are the model error of the fit, the noise (larger where fewer readings were
-        averaged) and the uncertainty of the predictions.
+        Errors are the model error of the fit and the noise, larger where fewer readings were
+        averaged.
         """
-        held_out = self.held_out
-        if held_out is None:
-            return None
         noise_mm = min(self.reading_noise_mm or self.error_mm, self.error_mm)
         model_mm2 = self.error_mm**2 - noise_mm**2
         u_mm = self.u_model_mm if held_out.u_mm is None else held_out.u_mm
-        promised_mm = float(np.sqrt(model_mm2 + noise_mm**2 / held_out.repeats + u_mm**2))
-        return held_out.accuracy.rms_mm / promised_mm if np.isfinite(promised_mm) else None
+        return model_mm2 + noise_mm**2 / held_out.repeats, u_mm**2
+
+    @property
+    def over_promised(self) -> float | None:
+        """Return the held-out error over the one that the fit promises; None without either."""
+        if self.held_out is None:
+            return None
+        promised_mm = float(np.sqrt(sum(self._promised_mm2(self.held_out))))
+        return self.held_out.accuracy.rms_mm / promised_mm if np.isfinite(promised_mm) else None
 
     @property
     def most_over_promised(self) -> float:
-        """Return the largest held-out error over the promised one that chance explains."""
-        count = max(self.held_out.accuracy.configurations, 1) if self.held_out else 1
-        return max(GRADES.over_expected, 1.0 + GRADES.chance_errors / float(np.sqrt(2.0 * count)))
+        """Return the largest held-out error over the promised one that chance explains.
+
+        Poses err alike by uncertain parameters: of these errors few are independent (effective
+        degrees of freedom, JCGM 100:2008, G.4.1).
+        """
+        held_out = self.held_out
+        if held_out is None:
+            return GRADES.over_expected
+        count = max(held_out.accuracy.configurations, 1)
+        errors_mm2, u_mm2 = self._promised_mm2(held_out)
+        independent = min(held_out.independent or count, count)
+        dof = (errors_mm2 + u_mm2) ** 2 / (errors_mm2**2 / count + u_mm2**2 / independent)
+        by_chance = GRADES.chance_errors / float(np.sqrt(2.0 * min(dof, count)))
+        return max(GRADES.over_expected, 1.0 + by_chance)
 
     @property
     def over_expected(self) -> float | None:
