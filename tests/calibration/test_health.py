@@ -206,6 +206,17 @@ def test_the_rule(fit, left, grade, says):
     assert grade != "good" or not fails
 
 
+def test_an_arm_that_does_not_fit_may_be_one_whose_instrument_errs_more_than_stated():
+    says = "or, if the instrument errs by 6 mm, state its uncertainty (instrument.uncertainty_mm)"
+    [finding, _] = health(ended(), errors(train_rms_mm=6.0)).findings
+    assert finding.kind == "other_arm"
+    assert finding.remedy.endswith(says)
+    # Repeats that confirm the noise leave no such doubt.
+    for confirmed in ({"repeats": repeats()}, {"noise_is_found": True}):
+        [finding] = health(ended(), errors(train_rms_mm=6.0, **confirmed)).findings
+        assert finding.remedy.endswith("joints, and units")
+
+
 def test_a_check_answers_what_it_asks():
     suspect = by_check(ended(), errors(findings=(GUESS,), held_out=None))
     assert suspect["nothing in the input is suspect"].passes is False

@@ -392,6 +392,9 @@ def test_a_refusal_says_what_was_found():
         "here: it does not fit; allowed: that; check the input: q2: the sign is reversed; "
         "multiply by -1"
     )
+    # A joint that was locked says nothing of the cause.
+    still = found.model_copy(update={"kind": "joint_without_motion"})
+    assert str(explained(error, [still])).endswith("multiply by -1; if that is right, look")
 
 
 def test_no_change_of_signs_or_order_is_told_where_nothing_fits():

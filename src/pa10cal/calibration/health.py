@@ -174,13 +174,30 @@ def _errors(evidence: GradeEvidence) -> str:
     return text
 
 
+def check_the_arm(left_mm: float, *, noise_is_stated: bool) -> str:
+    """Return what to check where the arm does not fit, by the error that the fit leaves.
+
+    A noise that nothing but its statement confirms may also be larger than stated, or assumed.
+    """
+    remedy = "check robot, order, signs and zeros of the joints, and units"
+    if not noise_is_stated:
+        return remedy
+    return (
+        f"{remedy}; or, if the instrument errs by {left_mm:.2g} mm, state its uncertainty "
+        "(instrument.uncertainty_mm)"
+    )
+
+
 def _suspected(evidence: GradeEvidence) -> Iterator[records.InputFinding]:
     """Return what the fit shows to be probably wrong in the input."""
     if evidence.misfits_arm and not evidence.springs_explain_most:
         yield records.InputFinding(
             what="the arm as described does not fit the readings",
             where="the whole campaign",
-            remedy="check robot, order, signs and zeros of the joints, and units",
+            remedy=check_the_arm(
+                evidence.train_rms_mm,
+                noise_is_stated=not (evidence.repeats or evidence.noise_is_found),
+            ),
             kind="other_arm",
         )
     yield from _stated(evidence)

@@ -112,15 +112,21 @@ def check_input(
 
 
 def explained(error: Refusal, findings: Sequence[InputFinding]) -> Refusal:
-    """Return a refusal with the findings of the checks, its likely causes, as remedy."""
+    """Return a refusal with the findings of the checks, its likely causes, as remedy.
+
+    A joint without motion may also be locked: then the refusal's own remedy still stands.
+    """
     if not findings:
         return error
+    remedy = "check the input: " + "; ".join(str(finding) for finding in findings)
+    if error.remedy and all(finding.kind == "joint_without_motion" for finding in findings):
+        remedy += f"; if that is right, {error.remedy}"
     return type(error)(
         error.what,
         where=error.where,
         value=error.value,
         allowed=error.allowed,
-        remedy="check the input: " + "; ".join(str(finding) for finding in findings),
+        remedy=remedy,
     )
 
 

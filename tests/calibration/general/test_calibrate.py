@@ -193,6 +193,15 @@ def test_readings_of_another_arm_are_refused(see):
         case_of(arm, wrong)
 
 
+def test_an_arm_is_refused_beside_an_instrument_worse_than_stated_with_both_causes(see):
+    arm, observations = load_arm("ur10"), see("ur10", "point", count=80, noise_m=5e-5)
+    measured = observations.measured
+    noise_m = 0.04 * np.random.default_rng(5).standard_normal(measured.p_instr_m.shape)
+    noisy = replace(measured, p_instr_m=measured.p_instr_m + noise_m)
+    with pytest.raises(CalibrationError, match=r"does not fit .*if the instrument errs"):
+        case_of(arm, replace(observations, measured=noisy))
+
+
 def test_errors_that_last_make_the_base_less_certain_and_hardly_the_arm(see):
     poses = see("irb120", "points", count=150, tilted=False)
     rng, lasting = np.random.default_rng(3), np.zeros_like(poses.measured.p_instr_m)

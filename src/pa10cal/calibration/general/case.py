@@ -26,7 +26,7 @@ from pa10cal.calibration.general.other_campaign import calibrate_from
 from pa10cal.calibration.general.per_campaign import per_campaign_fits
 from pa10cal.calibration.general.prior import prior_of, refuse_own_readings
 from pa10cal.calibration.grade_evidence import GradeEvidence
-from pa10cal.calibration.health import RIGID, health
+from pa10cal.calibration.health import RIGID, check_the_arm, health
 from pa10cal.calibration.load_case import LoadCase, case_keys, fit_keys
 from pa10cal.calibration.noisy_campaign import noisy_campaign
 from pa10cal.calibration.rules import GRADES, GROUPS, RECORDS
@@ -176,8 +176,7 @@ class _FittedCase:
         model = with_discrepancy(full, _single_readings(case, every), weighed)
         grid = _with_model_torques(model, grid, payload)
         found = cls(case, every, start, used, full, geometry, nominal, model, grid, rows)
-        spread_mm = _spread_mm(case.arm, used)
-        _refuse_another_arm(full, found.all_rms_mm, spread_mm, found.noise_mm)
+        _refuse_another_arm(found)
         return found
 
     @cached_property
@@ -434,19 +433,19 @@ def _spread_mm(arm: Arm, used: Observations) -> float:
     return max(spread_mm, 1e3 * float(np.sqrt(ends_m.var(axis=0).sum())))
 
 
-def _refuse_another_arm(
-    general: GeneralCalibration, left_mm: float, spread_mm: float, noise_mm: float | None
-) -> None:
+def _refuse_another_arm(found: _FittedCase) -> None:
     """Refuse a fit that leaves more than any calibrated arm does, and than the noise explains."""
-    rank = general.fit.identifiability.rank
+    rank, left_mm = found.full.fit.identifiability.rank, found.all_rms_mm
+    spread_mm = _spread_mm(found.case.arm, found.used)
     if rank and left_mm < max(
-        GRADES.no_fit_general_share * spread_mm, GRADES.stated_ratio * (noise_mm or 0.0)
+        GRADES.no_fit_general_share * spread_mm, GRADES.stated_ratio * found.noise_mm
     ):
         return
+    repeats = uncertainty.scatter_of_repeats(found.readings, found.model)
     raise CalibrationError(
         "the arm as described does not fit the readings",
-        where=general.arm.name,
+        where=found.full.arm.name,
         value=f"{left_mm:.1f} mm rms remain; the positions spread by {spread_mm:.0f} mm",
         allowed=f"errors below {100 * GRADES.no_fit_general_share:.0f} % of that spread",
-        remedy="check robot, order, signs and zeros of the joints, and units",
+        remedy=check_the_arm(left_mm, noise_is_stated=bool(rank) and not repeats),
     )
