@@ -234,3 +234,66 @@ def test_with_its_scale_in_the_model_targets_are_as_far_apart_as_they_are(tmp_pa
     assert np.abs(apart_m(model.targets_m) / true_m - 1.0).max() < 1e-4
     (scale,) = model.model.terms_of("effect")
     assert model.values_of(scale)[0] == pytest.approx(0.002, abs=1e-5)
+
+
+# A SCARA under a tracker, two reflectors on its quill. Its links take up a scale of the instrument,
+# as they are free to be longer; only the stroke of the quill shows it.
+
+SCARA = """
+name: own_scara
+rows:
+- {d_m: 0.32, a_m: 0.35, limits_deg: [-130, 130]}
+- {a_m: 0.28, alpha_deg: 180, limits_deg: [-140, 140]}
+- {d_m: 0.05, prismatic: true, limits_m: [0, 0.2]}
+- {limits_deg: [-180, 180]}
+"""
+
+
+def scara_read_by(scale, folder):
+    """A campaign of 140 poses of a SCARA, by an instrument that reads `scale` times all lengths."""
+    rng = np.random.default_rng(11)
+    low, high = np.array([[-1.4, -1.5, 0.0, -2.0], [1.4, 1.5, 0.2, 2.0]])
+    q = rng.uniform(low, high, (140, 4))
+    turned, out = q[:, 0] + q[:, 1], np.zeros((140, 2, 3))
+    out[:, :, 0] = (0.3503 * np.cos(q[:, 0]) + 0.2796 * np.cos(turned))[:, None]
+    out[:, :, 1] = (0.3503 * np.sin(q[:, 0]) + 0.2796 * np.sin(turned))[:, None]
+    out[:, :, 2] = 0.27 - q[:, 2:3] - np.array([0.06, 0.09])
+    for target, (x, y) in enumerate([(0.11, -0.02), (-0.07, -0.10)]):
+        at = turned - q[:, 3]
+        out[:, target, 0] += np.cos(at) * x - np.sin(at) * y
+        out[:, target, 1] += np.sin(at) * x + np.cos(at) * y
+    tilted_m = Rotation.from_euler("xyz", [0.02, -0.01, 0.7]).apply(out.reshape(-1, 3))
+    p_mm = scale * 1e3 * (tilted_m + np.array([2.4, -0.7, -0.5])).reshape(140, 6)
+    p_mm += rng.normal(0.0, 0.01, p_mm.shape)
+    columns = {"time_s": 20.0 * np.arange(140), "kind": "grid", "load_N": 0, "repeat": 1}
+    columns["pose"] = [f"P{k:03d}" for k in range(140)]
+    columns |= {f"q{k + 1}_deg": np.degrees(q[:, k]) for k in (0, 1, 3)}
+    columns["q3_mm"] = 1e3 * q[:, 2]
+    columns |= dict(zip([f"T{k}_{axis}_mm" for k in (1, 2) for axis in "xyz"], p_mm.T, strict=True))
+    pd.DataFrame(columns).to_csv(folder / "poses.csv", index=False)
+    (folder / "own_scara.yaml").write_text(SCARA)
+    stated = CAMPAIGN.replace("robot: gantry", "robot: own_scara").replace("0.02}", "0.01}")
+    places = stated[stated.index("  balls_mm") : stated.index("gravity")]
+    (folder / "campaign.yaml").write_text(stated.replace(places, ""))
+    return pa10cal.read_campaign(folder)
+
+
+@pytest.mark.slow
+def test_a_scale_that_only_a_quill_shows_is_as_likely_as_the_lead_of_that(tmp_path):
+    campaign = scara_read_by(1.0 + 2e-4, tmp_path)
+    calibrated = pa10cal.calibrate(campaign)
+    found = pa10cal.discover(campaign, calibrated)
+    (name,) = found.effects
+    likely = {(each.id, each.of): chance for each, chance in name.explanations.named}
+    assert likely["scale", "instrument"] == pytest.approx(0.48, abs=0.03)
+    assert likely["gear_ratio_error", "joint 3"] == pytest.approx(0.48, abs=0.03)
+    assert "scale" not in {each.effect.id for each in found.not_testable}
+    # What no pose shows, the height of base and flange, is where it was under either of them.
+    for model in (found.model, found.model.otherwise.model):
+        assert model.T_instr_base[2, 3] == pytest.approx(calibrated.T_instr_base[2, 3], abs=5e-4)
+    q = np.array([[0.5, 0.3, 0.1, 0.0]])
+    at, under = (
+        each.predict(q, frame="target_T1") for each in (found.model, found.model.otherwise.model)
+    )
+    assert 1e3 * np.linalg.norm((at.T - under.T)[0, :3, 3]) < 0.5
+    assert at.u_mm[0] < 0.5

@@ -20,7 +20,7 @@ from pa10cal.discovery.blocked_cv.normal_equations import BlockEquations
 from pa10cal.discovery.blocked_cv.survey import Survey
 from pa10cal.discovery.finding import Untestable
 from pa10cal.discovery.preparation import computable, sought, why_few_angles, why_hidden
-from pa10cal.discovery.rules import BLOCKS, MAPS
+from pa10cal.discovery.rules import BLOCKS, EVIDENCE, MAPS
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.numerics.periodic_spline import harmonic_orders
 from pa10cal.terms.effects.effect import Effect
@@ -78,7 +78,7 @@ def family(rows: BlockedRows, equations: BlockEquations) -> Family:
     """Return the candidates that these poses can show, and the effects that they cannot."""
     total, of_model = equations.summed().gram, rows.baseline_columns
     model = Gaussian.of_products(total[np.ix_(of_model, of_model)])
-    shown, refused = [], {}
+    shown, followed, refused = [], [], {}
     gains: dict[tuple[str, str], float] = {}
     effects = [
         Candidate(part, np.ones(len(part)), shaped)
@@ -95,6 +95,18 @@ def family(rows: BlockedRows, equations: BlockEquations) -> Family:
             gains[candidate.name] = max(gains.get(candidate.name, 0.0), gain)
         elif not is_fault(candidate.effect):
             refused[candidate.name] = Untestable(_usual_form(candidate.effect), why)
+            if len(candidate.index) == 1 and why_hidden(1.0, _signal(distinct)) is None:
+                followed.append(candidate)
+    # What the model nearly follows is shown all the same where the rest is that of an effect
+    # shown, as of an instrument's scale and a quill's lead: poses do not tell which is there.
+    single = [candidate for candidate in shown if len(candidate.index) == 1]
+    for candidate in followed:
+        pairs = (_gram_beside_model(total, of_model, model, _both(candidate, e))[1] for e in single)
+        if any(_is_one_direction(gram) for gram in pairs):
+            shown.append(candidate)
+            gains[candidate.name] = _low_expected_gain(
+                _gram_beside_model(total, of_model, model, candidate)[1]
+            )
     hidden = tuple(found for name, found in refused.items() if name not in gains)
     return Family(tuple(shown), hidden, gains)
 
@@ -156,8 +168,26 @@ def _why_hidden(
     if not np.trace(whole) > 0.0:
         return _why_zero(rows.survey.poses.states, candidate.shaped)
     share = float(np.sqrt(max(np.trace(distinct), 0.0) / np.trace(whole)))
-    signal = float(np.sqrt(max(np.linalg.eigvalsh(distinct)[-1], 0.0)))
-    return why_hidden(share, signal)
+    return why_hidden(share, _signal(distinct))
+
+
+def _signal(distinct: Array) -> float:
+    """Return the size of the part (k, k) that the model cannot follow, in standard deviations."""
+    return float(np.sqrt(max(np.linalg.eigvalsh(distinct)[-1], 0.0)))
+
+
+def _both(first: Candidate, second: Candidate) -> Columns:
+    """Return the columns of two candidates side by side."""
+    return Columns(
+        np.concatenate([first.index, second.index]), np.concatenate([first.sizes, second.sizes])
+    )
+
+
+def _is_one_direction(distinct: Array) -> bool:
+    """Return whether two columns of products (2, 2) are indistinguishable."""
+    return bool(
+        abs(distinct[0, 1]) >= EVIDENCE.indistinguishable * np.sqrt(np.diag(distinct).prod())
+    )
 
 
 def _few_angles(rows: BlockedRows) -> Callable[[Effect], str | None]:

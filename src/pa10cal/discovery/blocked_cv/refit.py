@@ -89,12 +89,13 @@ def refit(
         reweighted=weighting.renewed,
         no_worse=COMPUTING.refit_no_worse,
     )
+    x = weighting.problem.with_open_targets_back(found.at, found.equations)
     return Refit(
         effects=effects,
-        at=problem.model_at(found.at),
+        at=problem.model_at(x),
         converged=found.converged,
         iterations=found.iterations,
-        covariance=weighting.problem.covariance(found.at, found.equations),
+        covariance=weighting.problem.covariance(x, found.equations),
         weights=weighting.weights,
     )
 
@@ -252,13 +253,34 @@ class _Problem:
         Held are unknowns at a bound, and the base where readings do not show it. Coordinates of
         targets that the poses do not determine are held one by one.
         """
-        free = ~self.bounds.held(x, equations.gradient)
-        free[self._base] &= identifiable_base_motions(self.measured)
+        free = self._free(x, equations)
         prior_variances = 1.0 / np.diag(self.prior)[self._targets]
         normal, prior = equations.normal, self.prior
         return with_open_targets_held(
             lambda free: inverse_of_free(normal, prior, free), free, prior_variances
         )
+
+    def with_open_targets_back(self, x: Array, equations: Equations) -> Array:
+        """Return unknowns (k,) that fit as well, targets that nothing determines where they were.
+
+        A fit of effects slides along such a direction, by millimetres for nothing: the height of
+        the base, and of a flange, would be another with every effect that is tried.
+        """
+        free = self._free(x, equations)
+        is_held = np.diag(self.covariance(x, equations)) == 0.0
+        open_ = np.arange(self._targets.start, self._targets.stop)
+        open_ = open_[(free & is_held)[self._targets]]
+        if not len(open_):
+            return x
+        whole = inverse_of_free(equations.normal, self.prior, free)
+        off = np.linalg.solve(whole[np.ix_(open_, open_)], (x - self.expected)[open_])
+        return self.bounds.clip(x - whole[:, open_] @ off)
+
+    def _free(self, x: Array, equations: Equations) -> Mask:
+        """Return which unknowns (k,) are free at unknowns: not at a bound, and shown."""
+        free = ~self.bounds.held(x, equations.gradient)
+        free[self._base] &= identifiable_base_motions(self.measured)
+        return free
 
 
 class _Weighting:
