@@ -301,10 +301,7 @@ def _judged(
         health=records.TrialHealth(
             grade=health.grade,
             findings=tuple(f"{each.kind} of {each.where}" for each in health.findings),
-            departures=tuple(
-                each.where if each.joint is None else f"joint {each.joint}"
-                for each in health.departures
-            ),
+            departures=tuple(each.place for each in health.departures),
             left_out=left_out,
         ),
     )

@@ -89,13 +89,13 @@ def faults_of_input(suspicions: Sequence[InputFinding]) -> tuple[DiagnosedFault,
             kind = "joint_zero"
         if kind is None:
             continue
-        where, what = finding.where if joint is None else f"joint {joint}", finding.what
+        what = finding.what
         if finding.would_leave_mm is not None:
             what += f" ({finding.would_leave_mm:.3g} mm rms would remain if that is put right)"
         faults.append(
             DiagnosedFault(
                 kind=kind,
-                where=where,
+                where=finding.place,
                 what=what,
                 remedy=finding.remedy,
                 effect=finding.effect,

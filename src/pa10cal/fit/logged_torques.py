@@ -78,19 +78,15 @@ def errors_of_logs(
     return np.concatenate([gain * torque_Nm[:, :, None] * diagonal, friction_Nm, zeros_Nm], axis=2)
 
 
-def _by_posture(model: Model, states: PoseStates, payload: Payload) -> Array:
-    """Return what the k joints that turn change of torques if mastered as usual, (P, n, k)."""
-    columns = []
-    for joint in np.flatnonzero(~model.chain.arm.prismatic):
-        off_rad = MASSES.mastered_rad * np.eye(states.n)[joint]
-        above_Nm, below_Nm = (
-            statics_of(
-                model, np.zeros(0), replace(states, q_rad=states.q_rad + off), payload
-            ).joint_Nm
-            for off in (off_rad, -off_rad)
-        )
-        columns.append((above_Nm - below_Nm) / 2.0)
-    return np.stack(columns, axis=2) if columns else np.zeros((*states.tau_Nm.shape, 0))
+def _by_posture(nominal: Model, states: PoseStates, payload: Payload) -> Array:
+    """Return what joints that turn change of torques if mastered as usual, (P, n, n)."""
+    by_posture = np.zeros((*states.tau_Nm.shape, states.n))
+    for joint in np.flatnonzero(~nominal.chain.arm.prismatic):
+        for off_rad in (MASSES.mastered_rad, -MASSES.mastered_rad):
+            moved = replace(states, q_rad=states.q_rad + off_rad * np.eye(states.n)[joint])
+            torque_Nm = statics_of(nominal, np.zeros(0), moved, payload).joint_Nm
+            by_posture[:, :, joint] += 0.5 * np.sign(off_rad) * torque_Nm
+    return by_posture
 
 
 def torque_scatter_Nm(at: Fitted, states: PoseStates, payload: Payload) -> Array:
@@ -178,7 +174,8 @@ class LoggedTorques:
     # `errors_of_logs`, then that of the external load
     nuisance: Array
     # (P, n, k) columns of what turns joints of an arm that is not calibrated yet, of unit expected
-    # size: zeros of joints and links that sag move torques, and are no errors of the log
+    # size: zeros of joints and links that sag move torques, and are no errors of the log; none of
+    # one that is
     by_posture: Array
     load_N: Array  # (P,) external load of each pose
     arrival: Array  # (P, n) direction in which each joint arrived
@@ -206,7 +203,10 @@ class LoggedTorques:
             known = replace(arm.weights_known, by_log=None)
             described = replace(arm, weights_known=known)
         model, x = Model(Chain.of(described), ()), np.zeros(0)
-        if about is not None:
+        by_posture = np.zeros((*states.tau_Nm.shape, 0))
+        if about is None:
+            by_posture = _by_posture(model, states, payload)
+        else:
             chain = Chain.of(described, bends=about.model.chain.bends)
             model, x = replace(about.model, chain=chain, derivative_cache=None), about.x
         calculated = statics_of(model, x, states, payload)
@@ -223,9 +223,7 @@ class LoggedTorques:
             residual_Nm=states.tau_Nm - calculated.joint_Nm,
             by_weights=calculated.by_weights,
             nuisance=np.concatenate([usual_errors, load[:, :, None]], axis=2),
-            by_posture=_by_posture(model, states, payload)
-            if about is None
-            else np.zeros((*states.tau_Nm.shape, 0)),
+            by_posture=by_posture,
             load_N=states.load_N,
             arrival=states.arrival,
             repeated=repeated,

@@ -45,6 +45,11 @@ class InputFinding(record.Part):
     between_campaigns: bool | None = record.optional()
 
     @property
+    def place(self) -> str:
+        """Return the joint that is doubted, or else where it is."""
+        return self.where if self.joint is None else f"joint {self.joint}"
+
+    @property
     def is_departure(self) -> bool:
         """Return whether it is a large departure from nominal: held-out poses may confirm it."""
         zero_off = self.kind == "joint_zero" and self.would_leave_mm is not None

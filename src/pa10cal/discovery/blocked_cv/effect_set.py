@@ -32,6 +32,12 @@ class Columns:
     index: Index  # (k,) which columns
     sizes: Array  # (k,) standard deviation expected of each parameter
 
+    @staticmethod
+    def together(parts: Sequence[Columns]) -> Columns:
+        """Return the columns of some parts side by side."""
+        index, sizes = zip(*((part.index, part.sizes) for part in parts), strict=True)
+        return Columns(np.concatenate(index), np.concatenate(sizes))
+
 
 @dataclass(frozen=True, eq=False)
 class Candidate(Columns):

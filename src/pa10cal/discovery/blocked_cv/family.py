@@ -5,9 +5,9 @@ All of it is settled before residuals are looked at.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 from itertools import product
 
 import numpy as np
@@ -78,6 +78,7 @@ def family(rows: BlockedRows, equations: BlockEquations) -> Family:
     """Return the candidates that these poses can show, and the effects that they cannot."""
     total, of_model = equations.summed().gram, rows.baseline_columns
     model = Gaussian.of_products(total[np.ix_(of_model, of_model)])
+    beside_model = partial(_gram_beside_model, total, of_model, model)
     shown, followed, refused = [], [], {}
     gains: dict[tuple[str, str], float] = {}
     effects = [
@@ -87,7 +88,7 @@ def family(rows: BlockedRows, equations: BlockEquations) -> Family:
     ]
     few_angles = _few_angles(rows)
     for candidate in (*effects, *map_candidates(rows)):
-        whole, distinct = _gram_beside_model(total, of_model, model, candidate)
+        whole, distinct = beside_model(candidate)
         why = _why_hidden(rows, candidate, whole, distinct) or few_angles(candidate.effect)
         if why is None:
             shown.append(candidate)
@@ -95,18 +96,11 @@ def family(rows: BlockedRows, equations: BlockEquations) -> Family:
             gains[candidate.name] = max(gains.get(candidate.name, 0.0), gain)
         elif not is_fault(candidate.effect):
             refused[candidate.name] = Untestable(_usual_form(candidate.effect), why)
-            if len(candidate.index) == 1 and why_hidden(1.0, _signal(distinct)) is None:
+            if why_hidden(1.0, _signal(distinct)) is None:
                 followed.append(candidate)
-    # What the model nearly follows is shown all the same where the rest is that of an effect
-    # shown, as of an instrument's scale and a quill's lead: poses do not tell which is there.
-    single = [candidate for candidate in shown if len(candidate.index) == 1]
-    for candidate in followed:
-        pairs = (_gram_beside_model(total, of_model, model, _both(candidate, e))[1] for e in single)
-        if any(_is_one_direction(gram) for gram in pairs):
-            shown.append(candidate)
-            gains[candidate.name] = _low_expected_gain(
-                _gram_beside_model(total, of_model, model, candidate)[1]
-            )
+    for candidate in _alike(followed, shown, beside_model):
+        shown.append(candidate)
+        gains[candidate.name] = _low_expected_gain(beside_model(candidate)[1])
     hidden = tuple(found for name, found in refused.items() if name not in gains)
     return Family(tuple(shown), hidden, gains)
 
@@ -176,18 +170,23 @@ def _signal(distinct: Array) -> float:
     return float(np.sqrt(max(np.linalg.eigvalsh(distinct)[-1], 0.0)))
 
 
-def _both(first: Candidate, second: Candidate) -> Columns:
-    """Return the columns of two candidates side by side."""
-    return Columns(
-        np.concatenate([first.index, second.index]), np.concatenate([first.sizes, second.sizes])
-    )
+def _alike(
+    followed: Sequence[Candidate],
+    shown: Sequence[Candidate],
+    beside_model: Callable[[Columns], tuple[Array, Array]],
+) -> list[Candidate]:
+    """Return those of one column whose part beside the model is that of such a candidate shown.
 
-
-def _is_one_direction(distinct: Array) -> bool:
-    """Return whether two columns of products (2, 2) are indistinguishable."""
-    return bool(
-        abs(distinct[0, 1]) >= EVIDENCE.indistinguishable * np.sqrt(np.diag(distinct).prod())
-    )
+    What the model nearly follows is shown all the same then, as a scale of the instrument beside
+    the lead of a quill: poses do not tell which of them is there.
+    """
+    first, second = ([c for c in each if len(c.index) == 1] for each in (followed, shown))
+    if not first or not second:
+        return []
+    distinct = beside_model(Columns.together([*first, *second]))[1]
+    size = np.sqrt(np.diag(distinct))
+    same = np.abs(distinct) >= EVIDENCE.indistinguishable * np.outer(size, size)
+    return [each for k, each in enumerate(first) if same[k, len(first) :].any()]
 
 
 def _few_angles(rows: BlockedRows) -> Callable[[Effect], str | None]:

@@ -89,13 +89,14 @@ def refit(
         reweighted=weighting.renewed,
         no_worse=COMPUTING.refit_no_worse,
     )
-    x = weighting.problem.with_open_targets_back(found.at, found.equations)
+    covariance = weighting.problem.covariance(found.at, found.equations)
+    x = weighting.problem.with_open_targets_back(found.at, found.equations, covariance)
     return Refit(
         effects=effects,
         at=problem.model_at(x),
         converged=found.converged,
         iterations=found.iterations,
-        covariance=weighting.problem.covariance(x, found.equations),
+        covariance=covariance,
         weights=weighting.weights,
     )
 
@@ -260,16 +261,16 @@ class _Problem:
             lambda free: inverse_of_free(normal, prior, free), free, prior_variances
         )
 
-    def with_open_targets_back(self, x: Array, equations: Equations) -> Array:
+    def with_open_targets_back(self, x: Array, equations: Equations, covariance: Array) -> Array:
         """Return unknowns (k,) that fit as well, targets that nothing determines where they were.
 
         A fit of effects slides along such a direction, by millimetres for nothing: the height of
-        the base, and of a flange, would be another with every effect that is tried.
+        the base, and of a flange, would be another with every effect that is tried. `covariance`
+        (k, k) is that at the unknowns.
         """
-        free = self._free(x, equations)
-        is_held = np.diag(self.covariance(x, equations)) == 0.0
-        open_ = np.arange(self._targets.start, self._targets.stop)
-        open_ = open_[(free & is_held)[self._targets]]
+        free, is_target = self._free(x, equations), np.zeros(len(x), dtype=bool)
+        is_target[self._targets] = True
+        open_ = np.flatnonzero(is_target & free & (np.diag(covariance) == 0.0))
         if not len(open_):
             return x
         whole = inverse_of_free(equations.normal, self.prior, free)

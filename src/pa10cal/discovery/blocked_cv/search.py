@@ -210,11 +210,7 @@ class Search:
         # A cheap test first, unless columns of several places overfit: whether all names together
         # can do as well at all.
         if len({name.effect.of for name in names}) == 1:
-            together = Columns(
-                np.concatenate([name.index for name in names]),
-                np.concatenate([name.sizes for name in names]),
-            )
-            loss = rest.squares_with_each([together])[0] - chosen.squares
+            loss = rest.squares_with_each([Columns.together(names)])[0] - chosen.squares
             if loss.sum() > BLOCKS.hopeless_errors * standard_error_of_sum(loss):
                 return None
         tried = rest
