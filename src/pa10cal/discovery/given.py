@@ -284,7 +284,7 @@ def _graded(campaign: Prepared, fit: _Fit, grading: Grading) -> EffectCalibratio
         suspected_outliers=int(flagged.sum()),
         noise_mm=position_noise_mm(measured, fit.noise_cov),
         noise_is_found=fit.noise_is_found,
-        repeats=() if fit.noise_is_found else scatter_of_repeats(campaign.trusted, model),
+        repeats=() if fit.noise_is_found else scatter_of_repeats(single, model),
         discrepancy_mm=lacking_mm(discrepancy, poses.states.q_rad),
         joints_mm=by_uncertain_joints_mm(model.model, model.x, poses),
         spread_mm=measured.spread_mm,
